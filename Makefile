@@ -266,7 +266,7 @@ helm: .venv/stamp
 # Fetches the W3C test suite for SHACL, which is part of pySHACL's source distribution.
 shacl-suite: $(SHACL_SUITE)
 
-$(SHACL_SUITE): tests/gateway/shacl/suite.txt | .venv/stamp
+$(SHACL_SUITE): tests/shacl/suite.txt | .venv/stamp
 	@echo "Fetching the test suite for SHACL."
 	@rm -rf build/shacl-suite && mkdir -p build/shacl-suite
 	@$(BIN)/python -m pip download -q --no-deps --no-binary pyshacl --require-hashes -r $< -d build/shacl-suite

@@ -16,7 +16,7 @@ import zenoh
 
 from bench.references import QUESTION, SENT, STATE, session
 from bench.scene import pid_of
-from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
+from linked_fleet_valkey.server import EmbeddedRedis
 from running import ROOT, eventually, free_port, process
 
 BARE = "bare Starlette (httptools)"

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from bench.architecture import ROOT, rank, room_of
+from bench.architecture import ROOT, SERVER, rank, room_of
 from browser import Browser
 from fake_robots import FakeRobot, open_session
 from running import eventually, process
@@ -25,7 +25,7 @@ from virtual.client import clients_in_memory
 from virtual.loop import virtual_time
 
 _FOLDER = ROOT / "gateway"
-_GATEWAY = str(_FOLDER / "linked_fleet_gateway") + "/"
+_PACKAGES = tuple(str(_FOLDER / each) + "/" for each in ("linked_fleet_gateway", SERVER))
 _COMPREHENSIONS = frozenset({"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>"})
 _BACKGROUND = "_repeat"  # of runtime.background
 
@@ -53,14 +53,14 @@ class Visits:
         room = _room(frame)
         self.calls += 1
         self.rooms[room] = None
-        self.files[frame.f_code.co_filename.removeprefix(_GATEWAY)] = None
+        self.files[frame.f_code.co_filename.removeprefix(f"{_FOLDER}/")] = None
         caller = frame.f_back
-        if caller is not None and caller.f_code.co_filename.startswith(_GATEWAY):
+        if caller is not None and caller.f_code.co_filename.startswith(_PACKAGES):
             self.climbs += rank(_room(caller)) < rank(room)
 
 
 def _is_counted(frame: FrameType) -> bool:
-    return frame.f_code.co_filename.startswith(_GATEWAY) and frame.f_code.co_name not in _COMPREHENSIONS
+    return frame.f_code.co_filename.startswith(_PACKAGES) and frame.f_code.co_name not in _COMPREHENSIONS
 
 
 def _callers(frame: FrameType) -> Iterator[FrameType]:

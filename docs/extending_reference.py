@@ -7,9 +7,11 @@ import textwrap
 from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
+from types import GenericAlias
 from typing import Any
 
-from linked_fleet_gateway import api
+from linked_fleet_gateway import api, faces, serving
+from linked_fleet_gateway.extensions.openapi import api as openapi
 from linked_fleet_gateway.extensions.pages import api as pages
 
 _CHOSEN = {
@@ -31,9 +33,28 @@ _CHOSEN = {
     },
     "Resource": dict.fromkeys(
         ("path", "title", "describe", "interaction_model", "source", "own_paths", "part_paths", "typed_links",
-         "affords", "documents", "steps", "is_static", "remote", "file_names", "immutable", "query",
+         "affords", "documents", "remote", "file_names", "immutable",
          "publishes_changes", "replace", "full_graph"), "",
     ),
+    "Identities": {
+        "roster": "The contents of the file of identities.", "bearer": "", "identity_of": "", "keys": "", "verify": "",
+        "web": "HTTP requests to issuers.", "end_revoked": "",
+    },
+    "Live": {
+        "fleet": "The state of all robots.",
+        "invocations": "The invocations of all gateways.",
+        "faults": "Faults of the gateway, and `guard`, which notes them.",
+        "branches": "",
+        "tree": "",
+        "fan_out": "Watched resources: `mark_changed`, `mark_robot_changed`, `add_resource`, listeners to watchers.",
+        "link": "The link to agents: `ask_agent`.",
+        "meshes": "Meshes of robots, from their agents.",
+        "add_listener": "", "remove_listener": "", "add_invocation_listener": "", "remove_invocation_listener": "",
+    },
+    "Offer": dict.fromkeys(
+        ("definition", "thing", "robot", "joint", "label", "path", "name", "methods", "takes_body", "is_stop"), ""
+    ),
+    "Watcher": {"subscription": "Its subscription: `resource`, `media_type`, `interval_s`."},
     "FleetError": dict.fromkeys(("status", "code", "title", "retry_after_s", "member_names"), ""),
     "Request": {
         "base": "The public base URL used by the client, without a slash at its end.",
@@ -42,6 +63,8 @@ _CHOSEN = {
     },
 }  # fmt: skip
 """The members of classes that have more than extensions need, with their meanings, if these are not in the code."""
+DOORS = (api, faces, serving, pages, openapi)
+"""The modules that extensions may import."""
 PAGE = Path(__file__).with_name("EXTENDING.md")
 HEAD = "## Reference\n"
 
@@ -52,26 +75,29 @@ def page(text: str) -> str:
 
 
 def reference() -> str:
-    """Return the names of the contract in alphabetical order, each with its members."""
-    parts = [
-        "Names of `linked_fleet_gateway.api`, and of `linked_fleet_gateway.extensions.pages.api` at the end. "
-        f"This is version {api.VERSION} of the contract.\n\n"
-    ]
-    for module in (api, pages):
+    """Return the names of each module of the contract in alphabetical order, with their members."""
+    parts = [f"This is version {api.VERSION} of the contract.\n\n"]
+    described: dict[str, Any] = {}
+    for module in DOORS:
+        parts.append(f"### `{module.__name__}`\n\n{_first(inspect.getdoc(module))}\n\n")
         names = sorted((each for each in module.__all__ if each != "VERSION"), key=str.lower)
         constants = [each for each in names if not callable(getattr(module, each))]
         if constants:
             parts.append("Constants: " + ", ".join(f"`{each}`" for each in constants) + ".\n\n")
         parts.append("| name | meaning |\n|---|---|\n")
         for name in names:
+            value = getattr(module, name)
             if name not in constants:
-                parts += _rows(name, getattr(module, name))
+                parts += [f"| `{name}` | as above |\n"] if described.get(name) is value else _rows(name, value)
+            described.setdefault(name, value)
         parts.append("\n")
     return "".join(parts).rstrip("\n") + "\n"
 
 
 def _rows(name: str, value: Any) -> Iterator[str]:
-    if not str(getattr(value, "__module__", "")).startswith("linked_fleet"):
+    if isinstance(value, GenericAlias):
+        yield f"| `{name}` | {_escaped(f'`{value}`')} |\n"
+    elif not str(getattr(value, "__module__", "")).startswith("linked_fleet"):
         yield f"| `{name}` | of the package {value.__module__.partition('.')[0]} |\n"
     elif inspect.isclass(value):
         yield f"| **`{name}`** | {_first(inspect.getdoc(value))} |\n"

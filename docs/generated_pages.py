@@ -12,8 +12,10 @@ import linked_fleet_shapes
 from linked_fleet_client.cli import programs
 from linked_fleet_client.cli.main import cli
 from linked_fleet_gateway import api as contract
+from linked_fleet_gateway import faces, serving
 from linked_fleet_gateway.app.extensions import BUILT_IN
 from linked_fleet_gateway.base.errors import PROBLEMS, FleetError
+from linked_fleet_gateway.extensions.openapi import api as openapi
 from linked_fleet_gateway.extensions.pages import api as pages
 
 _RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
@@ -23,9 +25,9 @@ _TERMS = "https://w3id.org/linked-fleet#"
 
 def contract_modules() -> tuple[str, ...]:
     """Return the modules that define the names of the contract of extensions."""
-    values = (getattr(module, name) for module in (contract, pages) for name in module.__all__)
+    values = (getattr(each, name) for each in (contract, faces, serving, pages, openapi) for name in each.__all__)
     found = {str(getattr(each, "__module__", "")) for each in values}
-    return tuple(sorted(each for each in found if each.startswith("linked_fleet_gateway.")))
+    return tuple(sorted(each for each in found if each.startswith(("linked_fleet_gateway.", "linked_fleet_shacl."))))
 
 
 _API = {

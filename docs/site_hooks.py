@@ -33,7 +33,7 @@ OUTSIDE = {
     "deploy/helm/README.md": "helm.md",
     "examples/README.md": "examples.md",
     "gateway/linked_fleet_gateway/actions/PROTOCOL.md": "actions.md",
-    "gateway/linked_fleet_gateway/shacl/CONFORMANCE.md": "shacl.md",
+    "gateway/linked_fleet_shacl/CONFORMANCE.md": "shacl.md",
     "gateway/linked_fleet_gateway/subscriptions/PROTOCOL.md": "subscriptions.md",
     "shapes/README.md": "shapes.md",
     "tests/MUTANTS.md": "mutants.md",

@@ -48,7 +48,7 @@ PAGES = (
     "docs/ROS2.md",
     "docs/DESCRIPTIONS.md",
     "gateway/linked_fleet_gateway/extensions/world/README.md",
-    "gateway/linked_fleet_gateway/shacl/CONFORMANCE.md",
+    "gateway/linked_fleet_shacl/CONFORMANCE.md",
 )
 FOLDERS = {path.name for path in ROOT.iterdir() if path.is_dir()}
 

@@ -11,7 +11,18 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
-PACKAGES = ("agents/linked_fleet_agent", "gateway/linked_fleet_gateway", "client/linked_fleet_client", "demo")
+PACKAGES = (
+    "agents/linked_fleet_agent",
+    "gateway/linked_fleet_gateway",
+    "gateway/linked_fleet_doctor",
+    "gateway/linked_fleet_server",
+    "gateway/linked_fleet_shacl",
+    "gateway/linked_fleet_rdf",
+    "gateway/linked_fleet_webhooks",
+    "gateway/linked_fleet_valkey",
+    "client/linked_fleet_client",
+    "demo",
+)
 MODULES = sorted(
     path
     for package in PACKAGES

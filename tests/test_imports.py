@@ -11,6 +11,12 @@ ROOT = Path(__file__).parents[1]
 PACKAGES = {
     "linked_fleet_agent": ROOT / "agents/linked_fleet_agent",
     "linked_fleet_gateway": ROOT / "gateway/linked_fleet_gateway",
+    "linked_fleet_doctor": ROOT / "gateway/linked_fleet_doctor",
+    "linked_fleet_server": ROOT / "gateway/linked_fleet_server",
+    "linked_fleet_shacl": ROOT / "gateway/linked_fleet_shacl",
+    "linked_fleet_valkey": ROOT / "gateway/linked_fleet_valkey",
+    "linked_fleet_webhooks": ROOT / "gateway/linked_fleet_webhooks",
+    "linked_fleet_rdf": ROOT / "gateway/linked_fleet_rdf",
     "linked_fleet_client": ROOT / "client/linked_fleet_client",
 }
 _PROGRAM = """
@@ -46,10 +52,26 @@ def _modules(package: str) -> list[str]:
 @pytest.mark.parametrize("package", PACKAGES)
 def test_an_import_changes_nothing(package: str) -> None:
     modules = _modules(package)
-    assert len(modules) > 5
+    assert len(modules) >= 3
     done = subprocess.run(
         [sys.executable, "-c", _PROGRAM, *modules], capture_output=True, text=True, check=False, cwd=ROOT
     )
     assert done.returncode == 0, done.stderr[-2000:]
     found = json.loads(done.stdout.splitlines()[-1])
     assert {kind: what for kind, what in found.items() if what} == {}
+
+
+_HEAVY = ("asyncio", "starlette", "zenoh", "redis", "httpx", "websockets", "prometheus_client")
+_CORE = ("api", "serving", "app", "http", "actions", "subscriptions", "link", "server", "runtime")
+
+
+@pytest.mark.parametrize("module", ["query.worker", "reach.can_reach", "world.check_process", "world.worker"])
+def test_worker_processes_load_neither_http_nor_zenoh(module: str) -> None:
+    name = f"linked_fleet_gateway.extensions.{module}"
+    done = subprocess.run(
+        [sys.executable, "-c", f"import {name}, sys; print(*sys.modules)"],
+        capture_output=True, text=True, check=True, cwd=ROOT,
+    )  # fmt: skip
+    loaded = set(done.stdout.split())
+    assert name in loaded
+    assert loaded.isdisjoint([*_HEAVY, *(f"linked_fleet_gateway.{each}" for each in _CORE)])

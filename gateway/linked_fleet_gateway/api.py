@@ -1,7 +1,8 @@
-"""The contract of extensions: every name of the gateway that an extension may import (docs/EXTENDING.md).
+"""The contract of extensions: the names of the gateway that most extensions need (docs/EXTENDING.md).
 
-Extensions of other packages import this module, ``linked_fleet_gateway.extensions.pages.api``, and the extensions that
-they need. Names outside of these may change at any time. ``VERSION`` counts changes that break extensions.
+Extensions of other packages import this module, ``faces``, ``serving``, ``linked_fleet_gateway.extensions.pages.api``,
+``linked_fleet_gateway.extensions.openapi.api``, and the extensions that they need. Names outside of these may change
+at any time. ``VERSION`` counts changes that break extensions.
 """
 
 from pyoxigraph import Literal, NamedNode
@@ -26,13 +27,17 @@ from linked_fleet_gateway.base.settings import ON_OFF, TEXT, Section, setting, w
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.fleet.model import Joint, Link, Pose, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.http.body import body_type
+from linked_fleet_gateway.http.content import Content
 from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.hosted import AsgiResponse
-from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.internal_request import ask
+from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.request_events import RequestEvent
+from linked_fleet_gateway.http.websocket import SubprotocolConnection, WebSocketHandler
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, integer, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDF, RDFS
@@ -40,25 +45,29 @@ from linked_fleet_gateway.resources.affordance import Demand
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
 from linked_fleet_gateway.resources.container import Container, Member
-from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
+from linked_fleet_gateway.resources.description import InSteps
+from linked_fleet_gateway.resources.html import NavigationEntry
+from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_of, robot_path, thing_at
 from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
+from linked_fleet_gateway.runtime.background import cancel_tasks, supervised, time_sliced
 from linked_fleet_gateway.runtime.metrics import counter, gauge, gauges
 from linked_fleet_gateway.runtime.table import Table
-from linked_fleet_gateway.shacl.terms import Namespace
+from linked_fleet_shacl.terms import Namespace
 
 VERSION = 1
 
 __all__ = [
-    "DCTERMS", "LDP", "LF", "METRE", "ON_OFF", "RADIAN", "RDF", "RDFS", "SECOND", "TEXT", "UNITLESS", "VERSION",
-    "ActionRequest", "AsgiResponse", "BadRequest", "Body", "Busy", "Call", "Conflict", "Container", "Core",
-    "DeferredPlan", "Demand", "Extension", "FleetBranch", "FleetError", "Follow", "Found", "Graph", "Halt",
-    "Invocation", "InvocationState", "Joint", "Link", "Literal", "Member", "Motion", "MotionGuard", "Mount", "Move",
-    "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose", "PreconditionFailed", "Property",
-    "PropertyBranch", "RedisUnavailable", "Request", "RequestView", "Resource", "Response", "Right", "Robot",
-    "RobotBranch", "RobotModel", "Section", "Source", "Table", "UnprocessableContent", "ask", "await_turn",
-    "blueprint_of", "build_motion", "cancel_tasks", "counter", "gauge", "gauges", "integer", "joint_path", "link_path",
-    "read_resource", "robot_path", "setting", "supervised", "timestamp", "whole_number",
+    "CONTAINER", "DCTERMS", "LDP", "LF", "METRE", "ON_OFF", "RADIAN", "RDF", "RDFS", "SECOND", "TEXT", "UNITLESS",
+    "VERSION", "ActionRequest", "AsgiResponse", "BadRequest", "Body", "Busy", "Call", "Conflict", "Container",
+    "Content", "Core", "DeferredPlan", "Demand", "Extension", "FleetBranch", "FleetError", "Follow", "Found",
+    "Graph", "Halt", "InSteps", "Invocation", "InvocationState", "Joint", "Link", "Literal", "Member", "Motion",
+    "MotionGuard", "Mount", "Move", "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose",
+    "PreconditionFailed", "Property", "PropertyBranch", "RedisUnavailable", "Request", "RequestEvent",
+    "RequestView", "Resource", "Response", "Right", "Robot", "RobotBranch", "RobotModel", "Section", "Source",
+    "SubprotocolConnection", "Table", "UnprocessableContent", "WebSocketHandler", "ask", "await_turn",
+    "blueprint_of", "body_type", "build_motion", "cancel_tasks", "choose", "counter", "gauge", "gauges", "integer",
+    "joint_path", "link_path", "read_resource", "robot_of", "robot_path", "setting", "supervised", "thing_at",
+    "time_sliced", "timestamp", "whole_number",
 ]  # fmt: skip

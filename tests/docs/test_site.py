@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from linked_fleet_gateway import api
+from linked_fleet_gateway import api, faces, serving
+from linked_fleet_gateway.extensions.openapi import api as openapi
 from linked_fleet_gateway.extensions.pages import api as pages
 from running import ROOT
 
@@ -62,7 +63,7 @@ def test_reference_is_generated_from_the_code(site: Path, page: str, words: list
 
 
 def test_the_python_api_has_every_module_of_the_contract_of_extensions_and_of_the_examples(site: Path) -> None:
-    values = (getattr(module, name) for module in (api, pages) for name in module.__all__)
+    values = (getattr(each, name) for each in (api, faces, serving, pages, openapi) for name in each.__all__)
     named = {str(getattr(each, "__module__", "")) for each in values}
     named = {each for each in named if each.startswith("linked_fleet_gateway.")}
     for example in (ROOT / "examples").glob("*.py"):

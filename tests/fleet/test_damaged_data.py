@@ -11,7 +11,7 @@ import pytest
 from browser import LF, Browser
 from commanding import ENDED, WRIST, angle, arm, begun, ended, of_joint, of_robot, post, problem, put, slowly
 from file_damage import DAMAGES, cut_tail, garble
-from linked_fleet_gateway.runtime.damaged_data import DATA
+from linked_fleet_valkey.damaged_data import DATA
 from running import eventually
 from small_fleet import Place, live
 

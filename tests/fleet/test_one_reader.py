@@ -12,8 +12,8 @@ import pytest
 from descriptions_of_robots import BAR, INERTIAL, LIMIT, arm, described, read_by_agent, read_by_gateway
 from linked_fleet_agent.robots.mujoco_robot import build
 from linked_fleet_agent.urdf import joints_of
+from linked_fleet_gateway.extensions.models.geometry import urdf_with_mesh_addresses
 from linked_fleet_gateway.extensions.world.shapes import build_robot
-from linked_fleet_gateway.fleet.geometry import urdf_with_mesh_addresses
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses
 from linked_fleet_gateway.fleet.model import Pose, RobotModel
 from linked_fleet_gateway.fleet.pinocchio_model import build_model

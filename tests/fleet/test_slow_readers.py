@@ -13,7 +13,7 @@ import zenoh
 
 from browser import HYBRIT, LF, ROS, SPATIAL, Browser
 from fake_robots import FakeRobot, joint, link, open_session, robot
-from linked_fleet_gateway.server.connection_limits import HIGH_WATER_BYTES
+from linked_fleet_server.connection_limits import HIGH_WATER_BYTES
 from receivers import Answer, receiving
 from running import PATIENCE_S, Process, eventually
 from small_fleet import Place, live, number, property_page

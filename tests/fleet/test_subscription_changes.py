@@ -9,7 +9,7 @@ from rdflib import Literal, URIRef
 from browser import HYBRIT, LDP, LF, Page
 from commanding import problem
 from gateway_group import Gateway, Hub, deliveries, gateways, hub, number
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
+from linked_fleet_gateway.http.writes import MAX_PATCH_BYTES
 from receivers import Answer, CallbackReceiver
 from redis_servers import single
 from running import eventually
@@ -150,7 +150,7 @@ def test_a_patch_that_is_refused_says_why_and_changes_nothing(two: tuple[Gateway
         ('INSERT DATA { <> lf:reason "mine" }', 422),
         (f'INSERT DATA {{ <> lf:secret "{_SECRET}" }}', 422),
         ("CLEAR ALL", 400),
-        ("#" * MAX_QUERY_BYTES, 413),
+        ("#" * MAX_PATCH_BYTES, 413),
     ):
         answer = _patch(one, iri, update)
         assert problem(answer)[0] == status, f"{update[:100]}: {answer.text}"

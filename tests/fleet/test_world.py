@@ -18,9 +18,9 @@ from rdflib import RDF
 from browser import HYBRIT, LDP, LF, MATHS, ROS, SH, Browser, Page
 from commanding import PAN, PREFIXES, TURTLE, of_joint, post, problem
 from linked_fleet_agent.wire.messages import Mesh
+from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.scene import MAX_TRIANGLES
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.link.meshes import Meshes
 from meshes import BOX, stl
 from running import Process, eventually, free_port, process
 from small_fleet import Place, live

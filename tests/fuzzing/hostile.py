@@ -18,10 +18,9 @@ from linked_fleet_gateway.extensions.world.extension import MAX_TRIPLES as MAX_O
 from linked_fleet_gateway.http.body import MAX_BODY_BYTES
 from linked_fleet_gateway.http.invoke import MAX_BODY_BYTES as MAX_INPUT_BYTES
 from linked_fleet_gateway.http.invoke import MAX_TRIPLES as MAX_INPUT_TRIPLES
-from linked_fleet_gateway.http.writes import PATCH_TYPES
-from linked_fleet_gateway.rdf.parsing import MAX_TRIPLES
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
+from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATION_TRIPLES
+from linked_fleet_rdf.parsing import MAX_TRIPLES
 
 TURTLE, TRIPLES, XML = "text/turtle", "application/n-triples", "application/rdf+xml"
 JSON_LD, JSON, QUERY, FORM = (
@@ -71,7 +70,7 @@ ENDPOINTS: tuple[Endpoint, ...] = (
 )
 QUERIES = Endpoint("POST", "/query", MAX_QUERY_BYTES)
 LOGIN = Endpoint("POST", "/login", MAX_LOGIN_BYTES)
-_UPDATES = {each: (PATCH_TYPES[0], "") for each in ENDPOINTS if each.method == "PATCH"}
+_UPDATES = {each: ("application/sparql-update", "") for each in ENDPOINTS if each.method == "PATCH"}
 _OWN = {QUERIES: (QUERY, ""), LOGIN: (FORM, ""), **_UPDATES}
 """Endpoints that accept no RDF, with their media type and the beginning of each body."""
 

@@ -27,10 +27,10 @@ from linked_fleet_gateway.subscriptions import callbacks as callbacks_module
 from linked_fleet_gateway.subscriptions import courier as courier_module
 from linked_fleet_gateway.subscriptions import service as subscriptions_module
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.network import Network
-from linked_fleet_gateway.subscriptions.receiver import DeliveryOutcome, Verdict
 from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run_name
 from linked_fleet_gateway.subscriptions.store import SubscriptionStore
+from linked_fleet_webhooks.network import Network
+from linked_fleet_webhooks.receiver import DeliveryOutcome, Verdict
 from virtual.zenoh_network import ZenohNetwork
 
 NAMESPACE = "histories"

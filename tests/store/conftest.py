@@ -1,6 +1,6 @@
 import pytest
 
-from linked_fleet_gateway.runtime import embedded_redis as embedded
+from linked_fleet_valkey import server as embedded
 from redis_backends import pytest_pyfunc_call, server, valkey, valkey_cluster  # noqa: F401 - fixtures and a hook
 from running import PATIENCE_S
 

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 import pytest
 
 from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.runtime import audit_log as audit_module
-from linked_fleet_gateway.runtime.audit_log import PAGE_SIZE, AuditEntry, AuditLog
+from linked_fleet_gateway.extensions.audit import log as audit_module
+from linked_fleet_gateway.extensions.audit.log import PAGE_SIZE, AuditEntry, AuditLog
 from redis_backends import Backend, opened
 from store_samples import served, until
 

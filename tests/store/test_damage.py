@@ -14,9 +14,9 @@ from redis.backoff import NoBackoff
 from redis.retry import Retry
 
 from file_damage import DAMAGES, cut_tail, write_data
-from linked_fleet_gateway.runtime import damaged_data as damage
-from linked_fleet_gateway.runtime import embedded_redis as embedded
-from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
+from linked_fleet_valkey import damaged_data as damage
+from linked_fleet_valkey import server as embedded
+from linked_fleet_valkey.server import EmbeddedRedis
 from running import PATIENCE_S
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.usefixtures("patient")]
@@ -59,7 +59,7 @@ def started(state_dir: Path) -> tuple[int, tuple[str, ...]]:
     """Return the number of keys of a server with this data, and what was set aside."""
 
     async def run() -> tuple[int, tuple[str, ...]]:
-        async with EmbeddedRedis(state_dir) as server:
+        async with EmbeddedRedis(state_dir, "subscriptions and idempotency keys") as server:
             return keys(server), server.damaged_copies
 
     return asyncio.run(run())

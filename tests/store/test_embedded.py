@@ -20,16 +20,16 @@ import redis
 from redis.backoff import NoBackoff
 from redis.retry import Retry
 
-from linked_fleet_gateway.runtime import embedded_redis as embedded
-from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.subscriptions.store import SubscriptionStore
+from linked_fleet_valkey import server as embedded
+from linked_fleet_valkey.server import EmbeddedRedis
 from running import PATIENCE_S, process
 
 pytestmark = [pytest.mark.processes, pytest.mark.usefixtures("patient")]
 GATEWAY = textwrap.dedent("""
     import asyncio, sys
     from pathlib import Path
-    from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
+    from linked_fleet_valkey.server import EmbeddedRedis
 
     async def main():
         async with EmbeddedRedis(Path(sys.argv[1])):

@@ -18,11 +18,11 @@ from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.robots.catalogue import UnavailableError, load
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.extensions.models.geometry import file_name
 from linked_fleet_gateway.extensions.world.messages import CheckFailed, MeshesMissing, Prepare, PrepareMesh, Ready
 from linked_fleet_gateway.extensions.world.worker import Worker
 from linked_fleet_gateway.fleet.events import Appeared, Described
 from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.geometry import file_name
 
 _MINUTES = 30
 _TESTS = Path(__file__).parents[1]

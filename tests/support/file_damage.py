@@ -9,7 +9,7 @@ from pathlib import Path
 
 import redis
 
-from linked_fleet_gateway.runtime import embedded_redis as embedded
+from linked_fleet_valkey import server as embedded
 from running import eventually
 
 Damage = Callable[[Path], object]

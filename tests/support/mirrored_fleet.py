@@ -12,7 +12,6 @@ from linked_fleet_gateway.extensions.query.process import Feed
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Vanished
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.resources.branches import NO_BRANCHES
 
 URDF = robot(
     link("base"), link("arm"), link("hand", inertial=False), link("tip"),
@@ -27,7 +26,7 @@ class MirroredFleet:
 
     def __init__(self, fleet: Fleet | None = None, invocations: Invocations | None = None) -> None:
         self.fleet, self.invocations, self.mirror = fleet or Fleet(), invocations or Invocations(), Mirror()
-        self._feed = Feed(self.fleet, self.invocations, lambda: NO_BRANCHES)
+        self._feed = Feed(self.fleet, self.invocations, lambda robot, path: [])
         self._sequence = 0
 
     def describe(self, name: str, run: int = 1, *, floating: bool = False, annotations: str = "") -> None:

@@ -11,7 +11,8 @@ from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.resources import RecordedHistory, list_branch
 from linked_fleet_gateway.extensions.history.resources import history_branches as histories
 from linked_fleet_gateway.extensions.history.span import Span
-from linked_fleet_gateway.extensions.pages.assets import BRANCH as ASSETS
+from linked_fleet_gateway.extensions.models.resources import BRANCHES as MODELS
+from linked_fleet_gateway.extensions.pages.branches import ASSETS
 from linked_fleet_gateway.extensions.rules.description import branch as rules_branch
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.things.directory import BRANCHES as THINGS
@@ -140,6 +141,7 @@ def tree() -> Tree:
     }
     branches = NO_BRANCHES.with_branches(
         *THINGS,
+        *MODELS,
         rules_branch(rules),
         FleetBranch(WORLD[1:], LF.world, lambda view, rest: resolve_world(view, rest, objects, _collisions())),
         *histories(recorded := History(fleet, 60.0, 10.0, 1_000_000)),

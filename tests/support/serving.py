@@ -13,9 +13,9 @@ import uvicorn
 import uvloop
 from starlette.types import ASGIApp
 
-from linked_fleet_gateway.server.protocol import HttpProtocol
-from linked_fleet_gateway.server.websocket_protocol import WebSocketProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Message, Outlet
+from linked_fleet_server.protocol import HttpProtocol
+from linked_fleet_server.websocket_protocol import WebSocketProtocol
 from virtual.loop import VirtualLoop
 from virtual.tcp import KERNEL_BYTES, Listener
 

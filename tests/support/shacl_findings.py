@@ -21,8 +21,8 @@ from pyshacl.pytypes import SHACLExecutor
 from pyshacl.shapes_graph import ShapesGraph
 
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.shacl import CompiledGraph, Data, compile_shape, report
-from linked_fleet_gateway.shacl.terms import RDF, SHACL, XSD, Namespace, Node, Term
+from linked_fleet_shacl import CompiledGraph, Data, compile_shape, report
+from linked_fleet_shacl.terms import RDF, SHACL, XSD, Namespace, Node, Term
 
 logging.getLogger("rdflib.term").setLevel(logging.ERROR)
 _compare = value_range_constraints.compare_literal

@@ -92,8 +92,8 @@ class Actions:
         self._stalls = StallDetector()
         self._computing = asyncio.Semaphore(1)
         self._planning = 0
-        # Callback for stopped robots; None means every robot was stopped.
-        self.on_stop: Callable[[tuple[str, ...] | None], None] = lambda robots: None
+        self.stop_listeners: list[Callable[[tuple[str, ...] | None], None]] = []
+        """Called with the robots that somebody stops; None for all."""
 
     async def __aenter__(self) -> Self:
         await self.lifecycle.__aenter__()
@@ -298,7 +298,8 @@ class Actions:
         )
         try:
             if not halt.joints and not caller.rule:
-                self.on_stop(asked)
+                for hear in self.stop_listeners:
+                    hear(asked)
             self.lifecycle.register(invocation)
             if not halt.joints:
                 self.operations.stop_robots(asked)

@@ -2,5 +2,5 @@
 
 ``application``: settings → parts → one ASGI application. ``extensions``: discovery, ordering and mounting of
 extensions. ``settings``: environment variables and flags, and what a gateway needs that other machines reach.
-``metrics``: the metrics of one gateway. ``main``: its process. ``doctor``: checks of the environment of a gateway.
+``metrics``: the metrics of one gateway. ``main``: its process.
 """

@@ -27,6 +27,7 @@ from linked_fleet_gateway.http.entrance import Entrance, cors_middleware
 from linked_fleet_gateway.http.extension import Core
 from linked_fleet_gateway.http.forwarding import Authorities
 from linked_fleet_gateway.http.request import Gateway, Services
+from linked_fleet_gateway.http.request_events import RequestEvents
 from linked_fleet_gateway.http.scheduling import StopPriority, TokenBuckets
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.transport import Opener
@@ -36,17 +37,16 @@ from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, SUBSCRIPTIONS, 
 from linked_fleet_gateway.rdf.vocabulary import LF, RDF, SH
 from linked_fleet_gateway.resources.action_offer import CONDITIONS, action_definitions
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
-from linked_fleet_gateway.runtime.audit_log import AuditLog
-from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
 from linked_fleet_gateway.runtime.metrics import RequestMetrics
-from linked_fleet_gateway.runtime.store_marker import StoreMarker
+from linked_fleet_gateway.runtime.store_marker import LOST_DATA, StoreMarker
 from linked_fleet_gateway.runtime.tracing import Tracing
-from linked_fleet_gateway.server.connection_limits import Sockets, limit_to_file_descriptors
-from linked_fleet_gateway.shacl import Compiler, Unsupported
 from linked_fleet_gateway.subscriptions.live import Live
-from linked_fleet_gateway.subscriptions.network import Network
 from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run_name
 from linked_fleet_gateway.subscriptions.store import SubscriptionStore
+from linked_fleet_server.connection_limits import Sockets, limit_to_file_descriptors
+from linked_fleet_shacl import Compiler, Unsupported
+from linked_fleet_valkey.server import EmbeddedRedis
+from linked_fleet_webhooks.network import Network
 
 
 def check_shapes() -> None:
@@ -120,17 +120,17 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
         set_present(contributions)
         async with AsyncExitStack() as stack:
             live = await stack.enter_async_context(create_live(settings, open_session))
-            embedded = None if settings.redis_url else EmbeddedRedis(settings.state_path)
+            embedded = None if settings.redis_url else EmbeddedRedis(settings.state_path, LOST_DATA)
             url = settings.redis_url if embedded is None else (await stack.enter_async_context(embedded)).url
             run = new_run_name()
-            audit = await stack.enter_async_context(AuditLog(url, settings.namespace))
+            request_events = RequestEvents(live.faults)
             identities = None
             if settings.identities:
                 identities = await stack.enter_async_context(Identities(settings.identities))
             action_store = await stack.enter_async_context(ActionStore(url, settings.namespace, run))
             actions = await stack.enter_async_context(Actions(live, action_store, settings.invocations_per_client))
             core = Core(
-                live, actions, audit, identities, url, settings.namespace, run,
+                live, actions, request_events, identities, url, settings.namespace, run,
                 settings.public_urls, settings.state_path,
                 sections=[settings.section(each.settings) for each in extensions if each.settings],
             )  # fmt: skip
@@ -139,9 +139,9 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             stack.push_async_callback(actions.operations.close)
             await live.admit_robots()
             store = await stack.enter_async_context(SubscriptionStore(url, settings.namespace, run))
-            marker = None
-            if embedded is None:
-                marker = await stack.enter_async_context(StoreMarker(url, settings.namespace))
+            kept: EmbeddedRedis | StoreMarker = embedded or StoreMarker(url, settings.namespace)
+            if isinstance(kept, StoreMarker):
+                await stack.enter_async_context(kept)
             network = stack.enter_context(closing(Network(settings.callback_allow, ports=settings.callback_ports)))
             subscriptions = Subscriptions(
                 store, run, live.fan_out, network,
@@ -160,7 +160,8 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 {name: each.metrics for name, each in mounted.items()},
             )
             app.services = Services(
-                live, actions, subscriptions, audit, identities, embedded, marker,
+                live, actions, subscriptions, request_events, identities,
+                data_warning=lambda: kept.warning,
                 stop_priority=StopPriority(carriers), rates=rates,
                 representations=create_representations(mounts), registry=create_registry(numbers),
                 schemes=[each.scheme for each in mounts if each.scheme is not None],

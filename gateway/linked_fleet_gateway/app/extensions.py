@@ -23,12 +23,12 @@ from linked_fleet_gateway.base.errors import MotionRefused
 from linked_fleet_gateway.base.settings import TEXTS, Section, setting
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import NavigationEntry
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, load_turtle_file
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.action_offer import action_definitions
+from linked_fleet_gateway.resources.html import NavigationEntry
 
 log = logging.getLogger(__name__)
 GROUP = "linked_fleet.extensions"
@@ -131,6 +131,7 @@ def contributions_of(extensions: Sequence[Extension]) -> Contributions:
         link_statements=tuple(one for each in extensions for one in each.link_statements),
         placements=tuple(one for each in extensions for one in each.placements),
         functions=tuple(one for each in extensions for one in each.functions),
+        patches={media_type: read for each in extensions for media_type, read in each.patches.items()},
     )
 
 
@@ -188,16 +189,19 @@ def _check_declared(extension: Extension) -> None:
 
 
 def dependency_order(extensions: Sequence[Extension]) -> list[Extension]:
-    """Return the extensions, each after those that it needs or uses. Raises ValueError if that is impossible."""
+    """Return the extensions in their order, but each after those that it needs or uses.
+
+    Raises ValueError if that is impossible.
+    """
     found: dict[str, Extension] = {}
     waiting, on = list(extensions), {each.name for each in extensions}
     while waiting:
-        able = [each for each in waiting if found.keys() >= {*each.needs, *on.intersection(each.uses)}]
-        if not able:
+        able = next((each for each in waiting if found.keys() >= {*each.needs, *on.intersection(each.uses)}), None)
+        if able is None:
             needs = ", ".join(f"{each.name} needs {' and '.join((*each.needs, *each.uses))}" for each in waiting)
             raise ValueError(f"extensions lack others, or need each other: {needs}")
-        found |= {each.name: each for each in able}
-        waiting = [each for each in waiting if each not in able]
+        found[able.name] = able
+        waiting.remove(able)
     return list(found.values())
 
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import gc
+import logging
 import os
 import signal
 import socket
@@ -17,13 +18,15 @@ from linked_fleet_gateway.app.application import create_app, create_sockets
 from linked_fleet_gateway.app.settings import GatewaySettings, exposure_problems
 from linked_fleet_gateway.identity.roster import BadRoster
 from linked_fleet_gateway.link.transport import LinkError
+from linked_fleet_gateway.runtime.background import supervised
 from linked_fleet_gateway.runtime.log import configure_logging
 from linked_fleet_gateway.runtime.redis import InvalidUrl
 from linked_fleet_gateway.runtime.tracing import Tracing, open_tracing
-from linked_fleet_gateway.server.server import Server
-from linked_fleet_gateway.server.tls import Certificate
-from linked_fleet_gateway.shacl import Unsupported
+from linked_fleet_server.server import Server
+from linked_fleet_server.tls import CHECK_S, Certificate
+from linked_fleet_shacl import Unsupported
 
+_log = logging.getLogger(__name__)
 _UNSENT_BYTES = 16 * 1024
 _BACKLOG = 2048  # uvicorn's default
 
@@ -111,7 +114,9 @@ async def _followed(certificate: Certificate | None) -> AsyncIterator[None]:
         yield
         return
     asyncio.get_running_loop().add_signal_handler(signal.SIGHUP, certificate.reload)
-    following = certificate.reload_on_change()
+    following = supervised(
+        certificate.reload_if_changed, "follow the certificate", _log, "the certificate in use stays", CHECK_S
+    )
     try:
         yield
     finally:

@@ -14,13 +14,13 @@ from typing import Any, TypeVar, cast
 T = TypeVar("T")
 
 CORE_AT_ROOT = frozenset(
-    {"actions", "audit", "blueprint", "context", "health", "invocations", "linkset", "metrics", "scene"}
+    {"actions", "blueprint", "context", "health", "invocations", "linkset", "metrics", "scene"}
     | {"subscriptions", "vocabulary"}
 )
 """Segments below ``/`` that are resources of the fleet itself."""
 CORE_IN_ROBOT = frozenset(
     {"actions", "annotations", "blueprint", "invocations", "jointState", "lease", "linkset", "maximumSpeedScale"}
-    | {"meshes", "model", "pose", "subscriptions", "title", "twist"}
+    | {"pose", "subscriptions", "title", "twist"}
 )
 """Segments below a robot that are resources of the robot itself."""
 
@@ -29,7 +29,7 @@ CORE_IN_ROBOT = frozenset(
 class Contributions:
     """The contributions of all extensions that are on, and the segments of all that are built in.
 
-    The last four fields are functions and classes whose types the room ``resources`` knows.
+    The last five public fields are functions and classes whose types the rooms ``resources`` and ``http`` know.
     """
 
     at_root: frozenset[str] = CORE_AT_ROOT
@@ -44,6 +44,8 @@ class Contributions:
     link_statements: tuple[Any, ...] = ()
     placements: tuple[Any, ...] = ()
     functions: tuple[Any, ...] = ()
+    patches: Mapping[str, Any] = field(default_factory=dict)
+    """Readers of bodies of PATCH by their media type."""
     _derived: dict[Hashable, Any] = field(default_factory=dict)
 
     def derived(self, key: Hashable, make: Callable[[], T]) -> T:

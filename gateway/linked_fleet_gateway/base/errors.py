@@ -49,6 +49,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 Statement = tuple[NamedNode | BlankNode, NamedNode, NamedNode | BlankNode | Literal]
 Members = dict[str, str | int | float | list[str] | list[float] | list[dict[str, str]]]
 PROBLEMS = "https://w3id.org/linked-fleet/problems#"
+PROBLEM_JSON = "application/problem+json"
 REALM = "linked-fleet"
 _CONSTRAINED_BY = "http://www.w3.org/ns/ldp#constrainedBy"  # LDP 4.2.1.6
 

@@ -5,7 +5,7 @@ from collections import Counter
 from collections.abc import Collection
 
 from linked_fleet_agent.wire.codec import WireError, decode, decode_reply
-from linked_fleet_agent.wire.messages import Description, Mesh, Reply
+from linked_fleet_agent.wire.messages import Description, Reply
 
 
 def read_reply(answer: bytes | str, id: str) -> tuple[Reply | None, str]:
@@ -16,15 +16,6 @@ def read_reply(answer: bytes | str, id: str) -> tuple[Reply | None, str]:
     except WireError as error:
         return None, f"the answer is no reply: {error}"
     return (reply, "") if reply.id == id else (None, f"the answer is to command {reply.id[:64]!r}")
-
-
-def read_mesh(answer: bytes | str, mesh: Mesh) -> tuple[bytes | None, str]:
-    """Check a mesh by its length only; computing a digest here would take too long."""
-    if isinstance(answer, str):
-        return None, answer
-    if len(answer) != mesh.size:
-        return None, f"the answer has {len(answer)} bytes, but the description says {mesh.size}"
-    return answer, ""
 
 
 def read_description(answer: bytes | str, robot: str, runs: Collection[int]) -> tuple[Description | None, str]:

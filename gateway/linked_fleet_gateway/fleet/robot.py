@@ -98,6 +98,11 @@ class Robot:
         return "offline" if not self.online else "faulty" if self.fault else "online"
 
     @property
+    def presence_facts(self) -> tuple[str, int | None, str | None]:
+        """What descriptions say about its presence."""
+        return self.presence, None if self.online else self.last_seen_ns, self.fault
+
+    @property
     def title(self) -> str:
         said = self.description.title if self.description is not None else ""
         return self.settings.get("title") or said or self.name

@@ -1,4 +1,4 @@
-"""HTTP: methods, negotiation, conditional requests, links, errors, streams and audit of every resource.
+"""HTTP: methods, negotiation, conditional requests, links, errors and streams of every resource.
 
 ``entrance``: the layer in front of all resources, with ``forwarding`` (client and public URL), ``operator_endpoints``
 and ``callers``; ``arrival``: the facts that it finds. ``request``: the typed
@@ -6,9 +6,9 @@ request and its gateway. ``endpoint``: dispatches every request; ``read``, ``rep
 ``preconditions``, ``problem`` answer it, ``answers`` caches responses; ``invoke``, ``subscribe``,
 ``subscription_change``, ``writes`` write what ``body`` parses; ``streams``, ``event_stream``, ``websocket`` stream.
 ``fields``: the grammar of header fields. ``scheduling`` processes long bodies in a thread, and lets a stop overtake
-waiting requests. ``audit``: the records of requests as a resource.
+waiting requests. ``request_events``: events of requests, for those who listen.
 
-``extension``: the interface of extensions; ``arrival.Scheme``, ``html`` and ``operations`` are further interfaces for
-them. ``internal_request`` sends requests for them, and ``hosted`` passes requests to ASGI applications of other
-packages.
+``extension``: the interface of extensions; ``arrival.Scheme`` is a further interface for them. ``content`` answers with
+what they have made themselves, ``internal_request`` sends requests for them, and ``hosted`` passes requests to ASGI
+applications of other packages.
 """

@@ -10,7 +10,6 @@ cache.
 import logging
 import re
 import weakref
-from collections.abc import Mapping
 from itertools import chain
 from operator import is_not
 
@@ -19,17 +18,19 @@ from starlette.types import Scope
 
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.arrival import arrival_of, names_event_stream
+from linked_fleet_gateway.http.arrival import Arrival, arrival_of
 from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag, compress, decompress, is_compressible
 from linked_fleet_gateway.http.representation import etag, not_modified
-from linked_fleet_gateway.identity.rights import Right, View
+from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.rdf.templates import Document, Template
-from linked_fleet_gateway.resources.renderings import Rendering
+from linked_fleet_gateway.resources.branches import Branches
+from linked_fleet_gateway.resources.description import MeasuredDescription
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.templates import Rendering
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.server.exchange import Reply
-from linked_fleet_gateway.server.message_heads import FieldLines, field_block
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_server.exchange import Reply
+from linked_fleet_server.message_heads import FieldLines, field_block
 
 log = logging.getLogger(__name__)
 
@@ -41,8 +42,8 @@ _PICKED = re.compile(rb"as=[a-z]{1,16}")
 _READ = ("GET", "HEAD")
 _LONGEST_ACCEPT = 256
 _GZIP_LINE = field_block([GZIP])
-Key = tuple[bytes, bytes, str, tuple[View, bool]]
-"""Path, Accept or the query that replaces it, base URL and what the caller may see, the audit log included."""
+Key = tuple[bytes, bytes, str, tuple[View, tuple[str, ...]]]
+"""Path, Accept or the query that replaces it, base URL and what the caller may see, restricted branches included."""
 
 
 class ReadyResponse(Response):
@@ -84,7 +85,7 @@ class CachedResponse:
         fields: FieldLines,
         content_fields: FieldLines,
     ) -> None:
-        """Create a response; ``robot`` is None if it lasts (``Resource.is_static``).
+        """Create a response; ``robot`` is None if it belongs to none (``Source.shown``).
 
         ``fields``: those of every response except ETag; ``content_fields``: those absent from a 304. Of a document that
         a template has made, the values are kept, and not the template, which is dropped when there are too many. Other
@@ -103,8 +104,8 @@ class CachedResponse:
         self.size = 0
         """Approximate size of the cached content in bytes."""
         if isinstance(written, Document):
-            self._keep(written, resource.describe_measured is not None)
-        self._quiet = resource.silent_samplers
+            self._keep(written, resource.shows_values)
+        self._quiet = resource.describe.silent if isinstance(resource.describe, MeasuredDescription) else ()
         self._shown: tuple[Observation, ...] = ()
         """The observations that were written last."""
         self._block = field_block(fields)
@@ -248,23 +249,29 @@ def _key(scope: Scope) -> Key | None:
     """Return the cache key of a request; None if it bypasses the cache."""
     arrival = arrival_of(scope)
     if arrival.is_plain_read is None:
-        arrival.is_plain_read = _is_plain_read(scope, arrival.fields)
+        arrival.is_plain_read = _is_plain_read(scope, arrival)
     if not arrival.is_plain_read:
         return None
     identity = arrival.authenticated.identity
-    # The fleet links the audit log, for its readers alone (``audit.add_audit_link``).
-    view = identity.visible_robots, scope["raw_path"] == b"/" and identity.has_right(Right.ADMIN, None)
+    # The fleet links restricted branches for their readers alone.
+    view = identity.visible_robots, _branches(scope).restricted_paths(identity) if scope["raw_path"] == b"/" else ()
     query = scope["query_string"]
     asked = b"?" + query if query else arrival.fields.get(b"accept", b"")
     return scope["raw_path"], asked, arrival.base, view
 
 
-def _is_plain_read(scope: Scope, fields: Mapping[bytes, bytes]) -> bool:
+def _branches(scope: Scope) -> Branches:
+    branches: Branches = scope["app"].services.live.branches
+    return branches
+
+
+def _is_plain_read(scope: Scope, arrival: Arrival) -> bool:
+    fields = arrival.fields
     return (
         scope["method"] in _READ
         and (not scope["query_string"] or _PICKED.fullmatch(scope["query_string"]) is not None)
         and len(fields.get(b"accept", b"")) <= _LONGEST_ACCEPT
-        and not names_event_stream(fields)
+        and not arrival.names_event_stream
         and _ASKS_MORE.isdisjoint(fields)
     )
 

@@ -12,7 +12,7 @@ from starlette.responses import Response
 from starlette.types import Receive, Scope
 
 from linked_fleet_gateway.identity.rights import EVERYBODY, Identity
-from linked_fleet_gateway.server.message_heads import FIELDS, join_fields
+from linked_fleet_server.message_heads import FIELDS, join_fields
 
 
 def _always() -> bool:
@@ -78,6 +78,14 @@ class Arrival:
         self.internal = internal
         """True for a request of an extension on behalf of another request."""
 
+    @property
+    def names_event_stream(self) -> bool:
+        """True if Accept names the media type of event streams, in any case (RFC 9110, 8.3.1).
+
+        ``streams.wants_events`` compares its weight with that of other types.
+        """
+        return b"text/event-stream" in self.fields.get(b"accept", b"").lower()
+
 
 def arrival_of(scope: Scope) -> Arrival:
     """Return the object of the request, which copies of its scope share."""
@@ -90,16 +98,3 @@ def create_arrival(scope: Scope, *, internal: bool = False) -> Arrival:
     fields = scope.get(FIELDS)  # the server has joined them
     found = scope[_KEY] = Arrival(join_fields(scope["headers"]) if fields is None else fields, internal=internal)
     return found
-
-
-def fields_of(scope: Scope) -> Mapping[bytes, bytes]:
-    """Return the header fields of a request (``Arrival.fields``)."""
-    return arrival_of(scope).fields
-
-
-def names_event_stream(fields: Mapping[bytes, bytes]) -> bool:
-    """Return True if Accept names the media type of event streams, in any case (RFC 9110, 8.3.1).
-
-    ``streams.wants_events`` compares its weight with that of other types.
-    """
-    return b"text/event-stream" in fields.get(b"accept", b"").lower()

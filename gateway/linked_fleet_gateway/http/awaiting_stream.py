@@ -12,7 +12,7 @@ from linked_fleet_gateway.http.scheduling import bucket_key
 from linked_fleet_gateway.http.streams import EventStream, wants_events
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.server.protocol import HTTP, HttpProtocol
+from linked_fleet_server.protocol import HTTP, HttpProtocol
 
 _PAUSE_S = 1.0
 Answer = Callable[[Request], Awaitable[ASGIApp]]

@@ -12,11 +12,11 @@ from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import parse_content_type
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import Offload
-from linked_fleet_gateway.rdf.json_input import InputTooLargeError
-from linked_fleet_gateway.rdf.parsing import MAX_TRIPLES, ParseError, parse
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.affordance import BODY_TYPES
+from linked_fleet_rdf.json_input import InputTooLargeError
+from linked_fleet_rdf.parsing import MAX_TRIPLES, ParseError, parse
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.resources.json_form import Form

@@ -18,12 +18,13 @@ from linked_fleet_gateway.base.errors import (
 from linked_fleet_gateway.http.arrival import Arrival, Authenticated, Scheme, arrival_of
 from linked_fleet_gateway.http.demands import refuse_demands
 from linked_fleet_gateway.http.forwarding import send_problem
-from linked_fleet_gateway.http.request import Connection
+from linked_fleet_gateway.http.request import Connection, Request
 from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
 from linked_fleet_gateway.identity.rights import NOBODY, Identity, Right
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.affordance import NOTHING
 from linked_fleet_gateway.resources.paths import is_public, is_shared, robot_of
+from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Depth, Record
 
 _SHARING = ("private", "public")
@@ -161,3 +162,15 @@ def visible_subscriptions(connection: Connection, records: Sequence[Record], own
     if not caller.has_right(Right.SUBSCRIBE, robot):
         return []
     return [each for each in records if caller.name and each.subscription.creator == caller.name]
+
+
+def with_restricted_links(request: Request, resource: Resource) -> Resource:
+    """Add links to the restricted branches that the caller may read to the fleet and its link set.
+
+    The RDF does not contain the links, because it is equal for all callers with the same view, like messages about it.
+    """
+    fleet = resource if resource.linkset_of is None else resource.linkset_of
+    if fleet.path != "/" or not (paths := request.restricted_paths):
+        return resource
+    fleet = fleet.replace(own_paths=(*fleet.own_paths, *paths))
+    return fleet if resource.linkset_of is None else resource.replace(linkset_of=fleet)

@@ -1,4 +1,4 @@
-"""Writes of containers and their members, and their operations in OpenAPI."""
+"""Writes of containers and their members."""
 
 from collections.abc import Callable
 from contextlib import suppress
@@ -10,24 +10,14 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import Conflict, NotFound
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
-from linked_fleet_gateway.http.operations import (
-    CHANGED_RESPONSE,
-    ID_SCHEMA,
-    creation_responses,
-    header_ref,
-    patch_operation,
-    resource_path_items,
-    write_operation,
-)
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import check_acceptable, created_response, read_change
-from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.validation import ground_statements
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.body_values import managed_statements, validate_body
 from linked_fleet_gateway.resources.container import AddMember, ChangeMember, Container
-from linked_fleet_gateway.resources.json_form import Json, form_of
+from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.resources.resource import Resource
 
 
@@ -85,21 +75,3 @@ async def _change(request: Request, container: Container[Any], iri: str) -> Call
 async def _read(request: Request, container: Container[Any], iri: str) -> list[Triple]:
     media_type, form = body_type(request, FORM_TYPES), partial(form_of, container.shape)
     return await convert_body(request, lambda content: parse_form(content, media_type, iri, request.base, form))
-
-
-def container_operations(container: Container[Any]) -> dict[str, Json]:
-    """Return the path items (OpenAPI 3.1, 4.8.9) of a container and its members."""
-    name = container.member_type.value.rpartition("#")[2].rpartition("/")[2]
-    body: Json = {JSON: {"schema": form_of(container.shape).schema}}
-    return {
-        **resource_path_items(
-            container.path, {}, f"{name}Container", container.title,
-            post=write_operation(f"add{name}", f"Add to {container.title}", creation_responses("Added."), body),
-        ),
-        **resource_path_items(
-            f"{container.path}/{{id}}", {"id": ID_SCHEMA}, name, f"A member of {container.title}",
-            put=write_operation(f"put{name}", "Replace it", CHANGED_RESPONSE, body, [header_ref("IfMatch")]),
-            patch=patch_operation(f"patch{name}", "Change it by a SPARQL update"),
-            delete=write_operation(f"delete{name}", "Delete it", CHANGED_RESPONSE, None, [header_ref("IfMatch")]),
-        ),
-    }  # fmt: skip

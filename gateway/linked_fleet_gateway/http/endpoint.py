@@ -23,16 +23,19 @@ from linked_fleet_gateway.base.errors import (
     UnsupportedMediaType,
 )
 from linked_fleet_gateway.http.answers import ReadyResponse
-from linked_fleet_gateway.http.audit import add_audit_link, audit_resource, is_audit_path, record_request
 from linked_fleet_gateway.http.awaiting_stream import AwaitingStream, awaits_robot
-from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS, require_right, visible_subscriptions
+from linked_fleet_gateway.http.callers import (
+    SUBSCRIPTIONS_RIGHTS,
+    require_right,
+    visible_subscriptions,
+    with_restricted_links,
+)
 from linked_fleet_gateway.http.containers import add_member, change_member
 from linked_fleet_gateway.http.demands import check_demands, refuse_demands, stops
 from linked_fleet_gateway.http.entrance import await_turn
 from linked_fleet_gateway.http.extension import Mount, Reader, Writer
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.invoke import end_invocation, invoke, put_target
-from linked_fleet_gateway.http.operator_endpoints import store_warning
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.problem import problem, rate_refusal
 from linked_fleet_gateway.http.read import (
@@ -41,11 +44,10 @@ from linked_fleet_gateway.http.read import (
     method_headers,
     preferred_part,
     read_interleaved,
-    read_mesh,
     read_nowait,
     restrict_to_part,
 )
-from linked_fleet_gateway.http.request import AUDIT_RIGHTS, Connection, Request, WebSocket, gateway_of
+from linked_fleet_gateway.http.request import Connection, Request, WebSocket, gateway_of
 from linked_fleet_gateway.http.scheduling import may_stop
 from linked_fleet_gateway.http.streams import EventStream, is_cancelled_stream, open_websocket, wants_events
 from linked_fleet_gateway.http.subscribe import (
@@ -73,14 +75,14 @@ from linked_fleet_gateway.resources.affordance import (
     Subscribe,
     rights_to_read,
 )
-from linked_fleet_gateway.resources.branches import Found
+from linked_fleet_gateway.resources.branches import Branches, Found
 from linked_fleet_gateway.resources.container import AddMember, ChangeMember
 from linked_fleet_gateway.resources.paths import owner_path, robot_of
-from linked_fleet_gateway.resources.resource import Redirect, RemoteMesh, Resource
+from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.subscription_resource import container_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
-from linked_fleet_gateway.server.exchange import Reply
 from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_server.exchange import Reply
 
 log = logging.getLogger(__name__)
 
@@ -97,7 +99,8 @@ class Endpoint:
     """The ASGI application for every path and method (R0.10: a 405 has the Allow field of its own resource)."""
 
     def __init__(self, mounts: Iterable[Mount] = ()) -> None:
-        self._readers, self._writers = dict(_READERS), dict(_WRITERS)
+        self._readers: dict[type, Reader] = {}
+        self._writers = dict(_WRITERS)
         self._websocket_handlers: dict[type, WebSocketHandler] = {}
         for mount in mounts:
             self._readers.update(mount.readers)
@@ -127,8 +130,10 @@ class Endpoint:
         """
         services = gateway_of(scope).services
         reply = services.response_cache.find(scope, services.live)
-        if reply is not None or not services.response_cache.is_cacheable(scope) or _is_stored(scope["path"]):
+        if reply is not None or not services.response_cache.is_cacheable(scope):
             return reply
+        if _is_stored(services.live.branches, scope["path"]):
+            return None
         if not services.stop_priority.try_take_turn():
             return None
         try:
@@ -144,7 +149,7 @@ class Endpoint:
         answer = await self._answered(request)
         does = wants_callback(request) or (request.method not in READ_METHODS and not request.is_safe)
         if isinstance(answer, Response) and does:
-            record_request(request, request.method, answer.status_code, answer.headers.get("location", ""))
+            request.report(request.method, answer.status_code, answer.headers.get("location", ""))
         return answer
 
     async def _answered(self, request: Request) -> ASGIApp:
@@ -218,7 +223,7 @@ class Endpoint:
         if isinstance(found, Redirect):
             return found
         if request.method in READ_METHODS or request.is_safe or not _CONDITIONS.isdisjoint(request.arrival.fields):
-            found = _read_by(request, found)  # preconditions are about what the caller reads
+            found = with_restricted_links(request, found)  # preconditions are about what the caller reads
         # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
         require_right(request, found.path, _needed(request, found))
         if request.method not in (allow := allowed_methods(found)):
@@ -247,7 +252,7 @@ class Endpoint:
         try:
             found = await _find(websocket)
             if isinstance(found, Resource):
-                require_right(websocket, found.path, rights_to_read(found.affords))
+                require_right(websocket, found.path, _reading(websocket, found))
                 require_right(websocket, found.path, (Right.SUBSCRIBE,))
                 await self._open(websocket, found)
             else:
@@ -274,7 +279,7 @@ async def _check_again(request: Request) -> None:
     """Check the preconditions once more, because the resource may have changed while its body arrived."""
     found = await _find(request)
     if isinstance(found, Resource):
-        await await_preconditions(request, _read_by(request, found))
+        await await_preconditions(request, with_restricted_links(request, found))
 
 
 def _use_canonical_path(scope: Scope, to: Redirect) -> None:
@@ -283,12 +288,15 @@ def _use_canonical_path(scope: Scope, to: Redirect) -> None:
 
 
 def _needed(request: Request, resource: Resource) -> Sequence[Right]:
-    if is_audit_path(resource.path):
-        return AUDIT_RIGHTS
     affords = resource.affords
     if affords is not None and request.method in affords.methods:
         return affords.needs
-    return SUBSCRIPTIONS_RIGHTS if isinstance(affords, Subscribe) else rights_to_read(affords)
+    return SUBSCRIPTIONS_RIGHTS if isinstance(affords, Subscribe) else _reading(request, resource)
+
+
+def _reading(connection: Connection, resource: Resource) -> Sequence[Right]:
+    """Return the rights, one of which is needed to read the resource."""
+    return connection.services.live.branches.reading(resource.path) or rights_to_read(resource.affords)
 
 
 def _read_nowait(request: Request) -> Reply | None:
@@ -300,15 +308,16 @@ def _read_nowait(request: Request) -> Reply | None:
     if not isinstance(found, Resource) or found.remote is not None:
         return None
     require_right(request, found.path, _needed(request, found))
-    return read_nowait(request, add_audit_link(request, found))
+    return read_nowait(request, with_restricted_links(request, found))
 
 
 async def _find(connection: Connection) -> Resource | Redirect:
     """Find the resource of the request. Raises NotFound, BadRequest, RedisUnavailable."""
     path: str = connection.scope["path"]
-    if is_audit_path(path):
-        require_right(connection, path, AUDIT_RIGHTS)
-        return await audit_resource(connection)
+    if (branch := connection.services.live.branches.stored_branch(path)) is not None:
+        assert branch.load is not None
+        require_right(connection, path, branch.reading or (Right.READ,))
+        return await branch.load(connection.tree().view, path.split("/")[2:])
     shows_subscriptions = "/subscriptions" in path
     return _resolve(
         connection, await _subscriptions_shown(connection, path) if shows_subscriptions else NO_SUBSCRIPTIONS
@@ -329,22 +338,9 @@ def _resolve(connection: Connection, subscriptions: SubscriptionsByOwner = NO_SU
     return found
 
 
-def _read_by(request: Request, found: Resource) -> Resource:
-    """Return the resource with its reader, and what only some readers are shown."""
-    reader = request.reader(found.path)
-    found = found.replace(
-        reader=reader.name,
-        rights=reader.rights,
-        may_read_audit=reader.may_read_audit,
-        links_subscriptions=request.caller.has_any_right(SUBSCRIPTIONS_RIGHTS, robot_of(found.path)),
-        warning=store_warning(request.services),
-    )
-    return add_audit_link(request, found)
-
-
-def _is_stored(path: str) -> bool:
-    """Return True for a path of what Redis has: the audit, and subscriptions."""
-    return is_audit_path(path) or path.startswith(container_path(owner_path(path)))
+def _is_stored(branches: Branches, path: str) -> bool:
+    """Return True for a path of what Redis has: branches that are read from a store, and subscriptions."""
+    return branches.stored_branch(path) is not None or path.startswith(container_path(owner_path(path)))
 
 
 async def _subscriptions_shown(connection: Connection, path: str) -> SubscriptionsByOwner:
@@ -408,6 +404,3 @@ def problem_response(request: Connection, error: FleetError) -> Response:
     body, headers = problem(error, field(request, "accept"), instance, request.services.representations.html, reader)
     # HEAD has the headers of GET including Content-Length; the server leaves out the body.
     return Response(body, error.status, headers)
-
-
-_READERS: dict[type, Reader] = {RemoteMesh: read_mesh}

@@ -21,19 +21,19 @@ from starlette.requests import Request as StarletteRequest
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import FleetError, TooManyRequests
-from linked_fleet_gateway.http.arrival import arrival_of, fields_of
+from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.callers import identify, identify_static_token
 from linked_fleet_gateway.http.field_bounds import enforce_bounds, is_within_bounds
 from linked_fleet_gateway.http.forwarding import Authorities, Network, find_client, send_early, send_problem
-from linked_fleet_gateway.http.html import HtmlWriter
 from linked_fleet_gateway.http.operator_endpoints import PAGES
 from linked_fleet_gateway.http.problem import rate_refusal
 from linked_fleet_gateway.http.request import Request, gateway_of, html_of
 from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_key, may_stop
+from linked_fleet_gateway.resources.html import HtmlWriter
 from linked_fleet_gateway.runtime.log import RequestContext, begin_request, choose_request_id
 from linked_fleet_gateway.runtime.metrics import RequestMetrics
 from linked_fleet_gateway.runtime.tracing import Tracing
-from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_server.exchange import Reply
 
 
 class RateLimiter:
@@ -106,7 +106,7 @@ def _needed(scope: Scope) -> tuple[tuple[str, ...], HtmlWriter | None]:
         container = path if method == "POST" else path.rpartition("/")[0]
         return (SUBSCRIPTION_MODULES if container.endswith("/subscriptions") else ()), None
     html = html_of(scope)
-    page = b"text/html" in fields_of(scope).get(b"accept", b"")
+    page = b"text/html" in arrival_of(scope).fields.get(b"accept", b"")
     return (tuple(html.modules), html) if html is not None and page else ((), None)
 
 

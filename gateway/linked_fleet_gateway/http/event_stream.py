@@ -7,9 +7,9 @@ from collections.abc import Awaitable, Callable
 
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.server.connection_limits import BoundedWriter
-from linked_fleet_gateway.server.protocol import HTTP, HttpProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Feed, Message, Outlet
+from linked_fleet_server.connection_limits import BoundedWriter
+from linked_fleet_server.protocol import HTTP, HttpProtocol
 
 CANCELLED_ID = "cancelled"
 """Last event id of a cancelled stream: a request with it as ``Last-Event-ID`` gets 204."""

@@ -1,6 +1,6 @@
 """The interface of extensions: packages that add a capability to the gateway without changes outside their folder."""
 
-from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,28 +8,33 @@ from typing import Any, ClassVar, TypeVar
 
 import msgspec
 from prometheus_client.metrics_core import Metric
-from pyoxigraph import NamedNode
+from pyoxigraph import NamedNode, Triple
 from starlette.types import ASGIApp
 
 from linked_fleet_gateway.actions.action_handlers import Handler
+from linked_fleet_gateway.actions.execution import invoke
+from linked_fleet_gateway.actions.plan import Caller, RobotTime
 from linked_fleet_gateway.actions.service import Actions, MotionGuard
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.base.settings import Section, SectionT, section
+from linked_fleet_gateway.fleet.functions import FleetFunctions
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import Link, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import Scheme
-from linked_fleet_gateway.http.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.request_events import RequestEvent, RequestEvents
 from linked_fleet_gateway.http.websocket import WebSocketHandler
+from linked_fleet_gateway.http.writes import PatchReader
 from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.branches import Branch, RequestView
 from linked_fleet_gateway.resources.container import Container
-from linked_fleet_gateway.resources.fleet_functions import FleetFunctions
+from linked_fleet_gateway.resources.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.audit_log import AuditLog
 from linked_fleet_gateway.runtime.table import MAX_RECORDS, StoredRecords, Table
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.subscriptions.live import Live, name_of
 
 Reader = Callable[[Request, Resource, Any], Awaitable[ASGIApp]]
 """Answers GET of a resource; the last argument is its ``remote``."""
@@ -44,7 +49,7 @@ class Core:
 
     live: Live
     actions: Actions
-    audit: AuditLog
+    request_events: RequestEvents
     identities: Identities | None
     redis_url: str
     namespace: str
@@ -72,6 +77,11 @@ class Core:
     def robots(self) -> Mapping[str, Robot]:
         """All robots by name, whoever may see them."""
         return self.live.fleet.robots
+
+    @property
+    def faults(self) -> Faults:
+        """The faults of the gateway: an error ``with core.faults.guard(…)`` is one of what the arguments name."""
+        return self.live.faults
 
     def mark_changed(self, *paths: str) -> None:
         """Tell the subscribers of resources that these have changed."""
@@ -101,6 +111,54 @@ class Core:
         finally:
             self.live.remove_invocation_listener(listener)
 
+    @contextmanager
+    def listening_to_stops(self, listener: Callable[[Collection[str] | None], None]) -> Iterator[None]:
+        """Call ``listener`` with the robots (None: all) that a client stops, before the stop is sent.
+
+        Stops of rules, and of single joints, are not included. An error of it is a fault of the extension, and does not
+        keep the stop from its robots.
+        """
+
+        def hear(robots: Collection[str] | None) -> None:
+            with self.faults.guard("listeners", thing=name_of(listener)):
+                listener(robots)
+
+        self.actions.stop_listeners.append(hear)
+        try:
+            yield
+        finally:
+            self.actions.stop_listeners.remove(hear)
+
+    async def invoke(
+        self,
+        offer: Offer,
+        base: str,
+        caller: Caller,
+        statements: Sequence[Triple] = (),
+        moment: RobotTime | None = None,
+    ) -> Invocation:
+        """Invoke an action for a client, and return the accepted invocation. The extension has checked its rights.
+
+        ``statements`` are those of the body, whose IRIs begin with ``base``. ``moment`` is the time of its robot at
+        which the client knew the fleet: a stop since then takes precedence. Raises FleetError.
+        """
+        return await invoke(self.actions, offer, base, caller, statements, moment)
+
+    @contextmanager
+    def listening_to_requests(self, listener: Callable[[RequestEvent], None]) -> Iterator[None]:
+        """Call ``listener`` when a request other than a read has been executed, or refused although its resource was
+        found, and when a stream begins or ends, while the context lasts. An error of it is a fault of the extension.
+        """
+        self.request_events.listeners[listener] = self.extension
+        try:
+            yield
+        finally:
+            del self.request_events.listeners[listener]
+
+    def tell_of_request(self, event: RequestEvent) -> None:
+        """Tell those who listen to requests of something that the extension has done in the name of a client."""
+        self.request_events.tell(event)
+
     def running(self, action: str) -> list[Invocation]:
         """Return the invocations of the action at a path that have not ended, at whichever gateway, newest first."""
         return self.live.invocations.open_of_action(action)
@@ -115,6 +173,12 @@ class Core:
             return False
         await self.actions.lifecycle.cancel(found, reason)
         return True
+
+    async def wait_until(
+        self, invocation: Invocation, condition: Callable[[Invocation], bool], timeout_s: float
+    ) -> bool:
+        """Wait until the invocation meets a condition; return False after the timeout, or when the gateway ends."""
+        return await self.actions.lifecycle.waiters.wait_until_or_shutdown(invocation, condition, timeout_s)
 
     def has_ended(self, invocation: str) -> bool:
         """Return True if the invocation with this id is known to have ended, at whichever gateway."""
@@ -247,6 +311,11 @@ class Extension:
     """Further statements about links: functions of robot and link, which return predicates and paths."""
     functions: ClassVar[tuple[type[FleetFunctions], ...]] = ()
     """Functions over the live fleet for query languages. The module of the class is imported by other processes too."""
+    patches: ClassVar[Mapping[str, PatchReader]] = {}
+    """Readers of bodies of PATCH by their media type: functions of body and base IRI, called in a thread if it is long.
+
+    Each returns a function from the triples of a description to the changed ones. Both raise errors of the contract.
+    """
     settings: ClassVar[type[Section] | None] = None
     """Section of settings, with its own prefix."""
     navigation: ClassVar[tuple[NavigationEntry, ...]] = ()

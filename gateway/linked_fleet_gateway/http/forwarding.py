@@ -15,7 +15,7 @@ from starlette.datastructures import Headers
 from starlette.types import Scope
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
-from linked_fleet_gateway.http.arrival import arrival_of, fields_of, names_event_stream
+from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.request import html_of
 
@@ -173,7 +173,7 @@ class Authorities:
         Only browsers send Origin, and they do not let pages forge it.
         """
         origins = {value.decode("latin-1").lower() for value in said}
-        reads = scope["type"] == "http" and scope["method"] in _READ and not names_event_stream(fields_of(scope))
+        reads = scope["type"] == "http" and scope["method"] in _READ and not arrival_of(scope).names_event_stream
         if not reads and not origins <= self._origins | self._pages:
             raise ForeignOrigin(
                 f"pages of {', '.join(self._bases.values())} may do this, and clients that are no pages"

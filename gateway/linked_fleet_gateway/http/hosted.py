@@ -8,7 +8,7 @@ from http import HTTPStatus
 from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from linked_fleet_gateway.server.protocol import HTTP, HttpProtocol
+from linked_fleet_server.protocol import HTTP, HttpProtocol
 
 
 class AsgiResponse:

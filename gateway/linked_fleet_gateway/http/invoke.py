@@ -15,8 +15,9 @@ from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
 from linked_fleet_gateway.actions.admission import validate_action_body
+from linked_fleet_gateway.actions.execution import carry_out, empty_body, make_plan
 from linked_fleet_gateway.actions.operations import Operation
-from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime, robot_time
+from linked_fleet_gateway.actions.plan import Caller, Halt, Motion, RobotTime, robot_time
 from linked_fleet_gateway.actions.service import Actions, Rehearsal
 from linked_fleet_gateway.base.errors import (
     AgentTimeout,
@@ -75,7 +76,7 @@ async def invoke(request: Request, affordance: Invoke) -> Response:
     if offer.is_stop and not offer.takes_body:
         return await _halt(request, offer)
     moment, prefer = robot_time(offer.robot), _prefer(request, offer)
-    admitted = _Admitted(b"", _no_body(request, offer), "")
+    admitted = _Admitted(b"", empty_body(offer, request.base), "")
     if offer.takes_body:
         read = partial(_read_input, offer, body_type(request, FORM_TYPES), request.base)
         admitted = await convert_body(request, read, MAX_BODY_BYTES)
@@ -215,28 +216,16 @@ async def _halt(request: Request, offer: Offer) -> Response:
     """Execute a stop without a body. Malformed header fields never prevent it."""
     actions: Actions = request.services.actions
     prefer = parse_prefer(field(request, "prefer"))
-    plan = actions.plan(
-        ActionRequest(request.base, _no_body(request, offer), offer.robot, offer.joint, thing=offer.thing), offer
-    )
+    plan = await make_plan(actions, offer, request.base, empty_body(offer, request.base))
     stops = request.caller.view_for(Right.STOP)
     asking = Caller(request.caller_name, stoppable_robots=stops, visible_robots=request.caller.visible_robots)
-    if isinstance(plan, Operation):
-        if prefer.dry_run:
-            return _rehearsal(request, offer, plan, Rehearsal(plan.duration_s, ()))
-        invocation = await actions.operations.operate(offer.path, plan, offer.robot, asking, is_stop=True)
-    else:
-        assert isinstance(plan, Halt)  # a handler of a stop plans nothing else
-        if prefer.dry_run:
-            return _rehearsal(request, offer, plan, await actions.rehearse_halt(plan, stops))
-        with _located(request.base):
-            invocation = await actions.halt(offer.path, plan, asking)
+    if prefer.dry_run:
+        return _rehearsal(request, offer, plan, await _rehearse(actions, offer, plan, asking))
+    with _located(request.base):
+        invocation = await carry_out(actions, offer, plan, asking)
     with suppress(NotAcceptable):
         return await _answer(request, invocation, prefer)
     return await _answer(request, invocation, replace(prefer, return_=None))
-
-
-def _no_body(request: Request, offer: Offer) -> Body:
-    return Body((), NamedNode(request.base + offer.path))
 
 
 async def _carry_out(
@@ -245,23 +234,22 @@ async def _carry_out(
     actions: Actions = request.services.actions
     asking = _action_caller(request, admitted)
     with child_span("plan"):
-        plan = actions.plan(
-            ActionRequest(request.base, admitted.body, offer.robot, offer.joint, moment, offer.thing), offer
-        )
-        if isinstance(plan, DeferredPlan):
-            plan = await actions.compute(plan)
-    if isinstance(plan, Operation):
-        if prefer.dry_run:
-            await actions.operations.check(offer.robot, asking)
-            return _rehearsal(request, offer, plan, Rehearsal(plan.duration_s, ()))
-        invocation = await actions.operations.operate(offer.path, plan, offer.robot, asking, is_stop=offer.is_stop)
-        return await _answer(request, invocation, prefer)
-    assert isinstance(plan, Motion)  # a kind that is no stop does not plan a halt
+        plan = await make_plan(actions, offer, request.base, admitted.body, moment)
     with _located(request.base):
         if prefer.dry_run:
-            return _rehearsal(request, offer, plan, await actions.rehearse(plan, asking))
-        invocation = await actions.start(offer.path, plan, asking)
+            return _rehearsal(request, offer, plan, await _rehearse(actions, offer, plan, asking))
+        invocation = await carry_out(actions, offer, plan, asking)
     return await _answer(request, invocation, prefer)
+
+
+async def _rehearse(actions: Actions, offer: Offer, plan: Motion | Halt | Operation, caller: Caller) -> Rehearsal:
+    if isinstance(plan, Motion):
+        return await actions.rehearse(plan, caller)
+    if isinstance(plan, Halt):
+        return await actions.rehearse_halt(plan, caller.stoppable_robots)
+    if not offer.is_stop:
+        await actions.operations.check(offer.robot, caller)
+    return Rehearsal(plan.duration_s, ())
 
 
 @contextmanager

@@ -15,9 +15,8 @@ from starlette.responses import JSONResponse, Response
 from linked_fleet_gateway.base.errors import FleetError, InsufficientScope
 from linked_fleet_gateway.http.callers import identify_bearer
 from linked_fleet_gateway.http.problem import problem
-from linked_fleet_gateway.http.request import Gateway, Services, gateway_of, html_of
+from linked_fleet_gateway.http.request import Gateway, gateway_of, html_of
 from linked_fleet_gateway.identity.rights import Right
-from linked_fleet_gateway.runtime.damaged_data import damage_warning
 
 
 async def live(request: Request) -> Response:
@@ -35,7 +34,7 @@ async def ready(request: Request) -> Response:
     gateway = gateway_of(request.scope)
     missing = list(_missing(gateway))
     faults = gateway.services.live.faults
-    warnings = [warning for warning in (store_warning(gateway.services),) if warning] + faults.of_parts
+    warnings = [warning for warning in (gateway.services.data_warning(),) if warning] + faults.of_parts
     if faults.robots:  # whoever reads this may not be allowed to know their names
         warnings.append(f"Some descriptions of {len(faults.robots)} robots are incomplete; the log has the reasons.")
     if not missing:
@@ -45,13 +44,6 @@ async def ready(request: Request) -> Response:
         return JSONResponse({"status": "not ready", "reasons": missing, **more}, 503)
     gateway.has_been_ready = True
     return JSONResponse({"status": "ready", **more})
-
-
-def store_warning(services: Services) -> str:
-    """Return a sentence about data that the embedded server could not load or an external one has lost, or empty."""
-    if services.store_marker is not None:
-        return services.store_marker.loss
-    return "" if services.embedded is None else damage_warning(services.embedded.damaged_copies)
 
 
 def _missing(gateway: Gateway) -> Iterator[str]:

@@ -1,10 +1,12 @@
 """If-Match and, for writes, If-None-Match (RFC 9110, 13.1.1 and 13.1.2)."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from functools import partial
 
 from linked_fleet_gateway.base.errors import PreconditionFailed
 from linked_fleet_gateway.http.demands import stops
 from linked_fleet_gateway.http.fields import field
+from linked_fleet_gateway.http.page_context import page_context
 from linked_fleet_gateway.http.representation import names_state, precondition_holds
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.resource import Redirect, Resource
@@ -13,9 +15,7 @@ from linked_fleet_gateway.resources.resource import Redirect, Resource
 def check_preconditions(request: Request, resource: Resource) -> None:
     """Raise PreconditionFailed, except for stops. Call it in a thread, because it may render every representation."""
     check = _Check(request, resource)
-    if check.needed and not any(
-        map(check.is_decided_by, request.services.representations.etags(resource, request.base))
-    ):
+    if check.needed and not any(map(check.is_decided_by, _etags(request, resource))):
         check.end()
 
 
@@ -24,7 +24,9 @@ async def await_preconditions(request: Request, resource: Resource) -> None:
     check, services = _Check(request, resource), request.services
     if not check.needed:
         return
-    async for tag in services.representations.etags_interleaved(resource, request.base, services.writing_offload):
+    context = partial(page_context, request, resource.path)
+    tags = services.representations.etags_interleaved(resource, request.base, context, services.writing_offload)
+    async for tag in tags:
         if check.is_decided_by(tag):
             return
     check.end()
@@ -44,7 +46,12 @@ async def resolve_under_preconditions(
 
 def _version(request: Request, resource: Resource) -> str:
     conditional = field(request, "if-match") is not None or field(request, "if-none-match") is not None
-    return next(request.services.representations.etags(resource, request.base), "") if conditional else ""
+    return next(_etags(request, resource), "") if conditional else ""
+
+
+def _etags(request: Request, resource: Resource) -> Iterator[str]:
+    context = partial(page_context, request, resource.path)
+    return request.services.representations.etags(resource, request.base, context)
 
 
 class _Check:

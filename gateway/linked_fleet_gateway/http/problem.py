@@ -7,19 +7,18 @@ from typing import Any
 
 from pyoxigraph import BlankNode, Literal
 
-from linked_fleet_gateway.base.errors import FleetError, Statement, TooManyRequests
-from linked_fleet_gateway.http.html import HTML, HtmlWriter, Reader
+from linked_fleet_gateway.base.errors import PROBLEM_JSON, FleetError, Statement, TooManyRequests
 from linked_fleet_gateway.http.negotiation import choose
+from linked_fleet_gateway.rdf.forms import FormTemplates
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.rdf.templates import Templates
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, SH, XSD
-from linked_fleet_gateway.server.exchange import Reply
-from linked_fleet_gateway.server.message_heads import field_block
+from linked_fleet_gateway.resources.html import HTML, HtmlWriter, Reader
+from linked_fleet_server.exchange import Reply
+from linked_fleet_server.message_heads import field_block
 
-PROBLEM_JSON = "application/problem+json"
 # Not those of descriptions, which texts from bodies of requests would displace.
-_templates = Templates(max_characters=1024 * 1024)
+_templates = FormTemplates(max_characters=1024 * 1024)
 # RFC 9457 defines no names for these; they are those of the SHACL vocabulary without the word "result"
 _REPORTED = {
     SH.focusNode: "focusNode",

@@ -12,39 +12,38 @@ from pyoxigraph import NamedNode
 from starlette.datastructures import MutableHeaders
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import NotAcceptable, PreconditionFailed
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import CachedResponse, ReadyResponse
 from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.fields import Link, field, link_header, parse_prefer
-from linked_fleet_gateway.http.html import HTML
 from linked_fleet_gateway.http.negotiation import (
     MOST_BYTES,
     accepts_gzip,
-    choose,
     coded_tag,
     compress,
     is_compressible,
     preferred_coding,
 )
+from linked_fleet_gateway.http.page_context import page_context
 from linked_fleet_gateway.http.representation import (
     Representation,
     content_type,
     not_modified,
-    precondition_holds,
     typed_links,
 )
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.writes import PATCH_TYPES
+from linked_fleet_gateway.http.writes import patch_types
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError
 from linked_fleet_gateway.rdf.templates import Document
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.body_values import own_statements
+from linked_fleet_gateway.resources.description import InSteps
+from linked_fleet_gateway.resources.html import HTML, Context, PageContext
 from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.resources.renderings import Rendering, is_compilable
-from linked_fleet_gateway.resources.resource import CONTAINER, RemoteMesh, Resource, run_steps
-from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource
+from linked_fleet_gateway.resources.templates import Rendering, is_measured
+from linked_fleet_server.exchange import Reply
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
 # A basic container has no membership triples other than containment, so omitting them changes nothing.
@@ -79,18 +78,12 @@ def preferred_part(request: Request, resource: Resource) -> ContainerPart | None
 
 def restrict_to_part(resource: Resource, part: ContainerPart, base: str) -> Resource:
     """Return the container with this part of its description, which has an entity tag of its own."""
-    assert resource.describe is not None
-    steps = partial(_steps, resource, part, NamedNode(base + resource.path))
-    return resource.replace(describe=lambda graph: run_steps(steps(graph)), steps=steps)
+    return resource.replace(describe=InSteps(partial(_steps, resource, part, NamedNode(base + resource.path))))
 
 
 def _steps(resource: Resource, part: ContainerPart, iri: NamedNode, graph: Graph) -> Iterator[None]:
-    assert resource.describe is not None
     whole = Graph()
-    if resource.steps is None:
-        resource.describe(whole)
-    else:
-        yield from resource.steps(whole)
+    yield from resource.own_steps(whole)
     about = set(own_statements(whole.triples, iri))
     for number, triple in enumerate(whole.triples):
         if number % _AT_ONCE == 0:
@@ -110,8 +103,9 @@ _FOR_EVER = "public, max-age=31536000, immutable"
 
 def read_resource(request: Request, resource: Resource) -> Response:
     """Return the representation that the client prefers, or 304. Raises NotAcceptable."""
-    representation = request.services.representations.negotiate(*_asked(request, resource))
-    return _response(request, resource, representation, MOST_BYTES)
+    context = partial(page_context, request, resource.path)
+    representation = request.services.representations.negotiate(*_asked(request, resource), context)
+    return _response(request, resource, context, representation, MOST_BYTES)
 
 
 async def read_interleaved(request: Request, resource: Resource) -> Response:
@@ -120,13 +114,14 @@ async def read_interleaved(request: Request, resource: Resource) -> Response:
     Other requests get turns if it takes long, and long contents are compressed too.
     """
     asked, threads = _asked(request, resource), request.services.writing_offload
-    representation = await request.services.representations.negotiate_interleaved(*asked, threads)
+    context = partial(page_context, request, resource.path)
+    representation = await request.services.representations.negotiate_interleaved(*asked, context, threads)
     body, coded = representation.body, b""
     is_long = len(body) > MOST_BYTES and not resource.coded_contents
-    coding = _coding(request, resource, representation, len(body)) if is_long else ""
+    coding = _coding(request, resource, context, representation, len(body)) if is_long else ""
     if coding and not not_modified(field(request, "if-none-match"), coded_tag(representation.etag, coding)):
         coded = await threads.run(partial(compress, body), len(body), MOST_BYTES)
-    return _response(request, resource, representation, len(body), coded)
+    return _response(request, resource, context, representation, len(body), coded)
 
 
 def _asked(request: Request, resource: Resource) -> tuple[str | None, Resource, str]:
@@ -142,7 +137,7 @@ def read_nowait(request: Request, resource: Resource) -> Reply | None:
     """
     representations, asked = request.services.representations, _asked(request, resource)
     media_type = representations.choose_media_type(*asked[:2])
-    if resource.steps is not None or not _is_cacheable(request, resource, media_type):
+    if resource.is_long or not _is_cacheable(request, resource, media_type):
         return None
     assert media_type is not None  # otherwise nothing is cacheable
     if (rendering := representations.rendering(resource, media_type, request.base)) is not None:
@@ -156,7 +151,12 @@ def read_nowait(request: Request, resource: Resource) -> Reply | None:
 
 
 def _response(
-    request: Request, resource: Resource, representation: Representation, most: int, coded: bytes = b""
+    request: Request,
+    resource: Resource,
+    context: Context,
+    representation: Representation,
+    most: int,
+    coded: bytes = b"",
 ) -> Response:
     """Return the representation in the preferred coding, or 304. Contents above ``most`` bytes have no coding.
 
@@ -167,9 +167,9 @@ def _response(
         rendering = request.services.representations.rendering(resource, media_type, request.base)
         document = representation.document or Document(representation.body)
         return ReadyResponse(_cached(request, resource, media_type, document if rendering is None else rendering))
-    headers, of_content = _fields(request, resource, media_type)
+    headers, of_content = _fields(request, resource, media_type, context)
     tag, body = representation.etag, representation.body
-    coding = _coding(request, resource, representation, most)
+    coding = _coding(request, resource, context, representation, most)
     headers["etag"] = coded_tag(tag, coding)
     if not_modified(field(request, "if-none-match"), headers["etag"]):
         return Response(status_code=304, headers=headers)
@@ -179,7 +179,9 @@ def _response(
     return Response(body, headers=headers | of_content)
 
 
-def _fields(request: Request, resource: Resource, media_type: str) -> tuple[dict[str, str], dict[str, str]]:
+def _fields(
+    request: Request, resource: Resource, media_type: str, context: Context = PageContext
+) -> tuple[dict[str, str], dict[str, str]]:
     """Return the fields of every response, with an empty ETag, and those that a 304 does not have."""
     representations = request.services.representations
     headers = resource_headers(resource, request.base, "")
@@ -188,7 +190,7 @@ def _fields(request: Request, resource: Resource, media_type: str) -> tuple[dict
         headers["preference-applied"] = "return=representation"
     if media_type == HTML and representations.html is not None:
         headers["content-security-policy"] = representations.html.content_security_policy(
-            bool(resource.reader or resource.has_form)
+            bool(resource.has_form or context().reader.name)
         )
     elif media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
@@ -202,19 +204,19 @@ def _accepted_codings(request: Request) -> bytes:
     return (field(request, "accept-encoding") or "").encode("latin-1")
 
 
-def _coding(request: Request, resource: Resource, representation: Representation, most: int) -> str:
+def _coding(request: Request, resource: Resource, context: Context, representation: Representation, most: int) -> str:
     """Return the content coding that the client prefers; empty for none. Contents above ``most`` bytes have none."""
-    return preferred_coding(_accepted_codings(request), _codings(resource, representation, most))
+    return preferred_coding(_accepted_codings(request), _codings(resource, context, representation, most))
 
 
-def _codings(resource: Resource, representation: Representation, most: int) -> tuple[str, ...]:
+def _codings(resource: Resource, context: Context, representation: Representation, most: int) -> tuple[str, ...]:
     """Return the available content codings of a representation."""
     media_type = representation.media_type
     if resource.coded_contents:
         return tuple(resource.coded_contents)
     text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
-    secret = media_type == HTML and bool(resource.reader)
-    coded = text and not secret and is_compressible(representation.body, resource.describe_measured is not None, most)
+    secret = media_type == HTML and bool(context().reader.name)
+    coded = text and not secret and is_compressible(representation.body, resource.shows_values, most)
     return ("gzip",) if coded else ()
 
 
@@ -222,9 +224,9 @@ def _is_cacheable(request: Request, resource: Resource, media_type: str | None) 
     """Return True if the response can be cached: RDF that lasts, or of a robot and with changes that are known."""
     if media_type not in RDF_TYPES or media_type in resource.documents or resource.linkset_of is not None:
         return False
-    if not is_compilable(resource, media_type) and (resource.source.is_measured or not resource.publishes_changes):
+    if not is_measured(resource, media_type) and (resource.source.is_measured or not resource.publishes_changes):
         return False
-    known = resource.is_static or resource.source.shown is not None or _robot(request, resource) is not None
+    known = resource.source.shown is not None or _robot(request, resource) is not None
     return known and request.services.response_cache.is_cacheable(request.scope)
 
 
@@ -253,24 +255,6 @@ def _cached(request: Request, resource: Resource, media_type: str, written: Docu
     return reply
 
 
-async def read_mesh(request: Request, resource: Resource, remote: RemoteMesh) -> Response:
-    """Answer from the known size and digest, and query the robot only if the bytes are needed."""
-    mesh = remote.mesh
-    etag = f'"{mesh.sha256}"'
-    if choose(field(request, "accept"), (mesh.type,)) is None:
-        raise NotAcceptable(f"Available here: {mesh.type}.", offered=(mesh.type,))
-    if not precondition_holds(field(request, "if-match"), {etag}):
-        raise PreconditionFailed(f"The entity tag of this mesh is {etag}.")
-    headers = resource_headers(resource, request.base, etag) | {"content-security-policy": _NOTHING}
-    if not_modified(field(request, "if-none-match"), etag):
-        return Response(status_code=304, headers=headers)
-    headers |= {"content-type": mesh.type, "content-length": str(mesh.size)} | method_headers(
-        resource, allowed_methods(resource)
-    )
-    content = b"" if request.method == "HEAD" else await request.services.live.meshes.get(remote.robot, mesh)
-    return Response(content, headers=headers)
-
-
 def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]:
     """Return the fields of every response to GET of the resource."""
     headers = {
@@ -285,7 +269,10 @@ def resource_headers(resource: Resource, base: str, etag: str) -> dict[str, str]
 
 def allowed_methods(resource: Resource) -> tuple[str, ...]:
     """Return the methods of the resource."""
-    return READ_METHODS if resource.affords is None else (*READ_METHODS, *resource.affords.methods)
+    if resource.affords is None:
+        return READ_METHODS
+    methods = (*READ_METHODS, *resource.affords.methods)
+    return methods if "PATCH" not in methods or patch_types() else tuple(each for each in methods if each != "PATCH")
 
 
 def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
@@ -294,7 +281,7 @@ def method_headers(resource: Resource, allow: Sequence[str]) -> dict[str, str]:
     if resource.affords is not None and (taken := resource.affords.body_types):
         fields = {"POST": "accept-post", "PUT": "accept-put"}
         headers |= {fields[method]: ", ".join(taken) for method in allow if method in fields}
-        headers |= {"accept-patch": ", ".join(PATCH_TYPES)} if "PATCH" in allow else {}
+        headers |= {"accept-patch": ", ".join(patch_types())} if "PATCH" in allow else {}
     return headers
 
 

@@ -13,16 +13,16 @@ from typing import TypeVar
 
 from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.http.fields import LINKSET_TYPES, Link, linkset_json, linkset_text
-from linked_fleet_gateway.http.html import HTML, Formats, HtmlWriter
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.scheduling import Offload
+from linked_fleet_gateway.rdf.forms import render_graph
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError
-from linked_fleet_gateway.rdf.templates import Document, render_graph
+from linked_fleet_gateway.rdf.templates import Document
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.copies import Copies
-from linked_fleet_gateway.resources.renderings import Rendering, Renderings, is_compilable
+from linked_fleet_gateway.resources.html import HTML, Context, Formats, HtmlWriter, PageContext
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.templates import Rendering, Templates
 from linked_fleet_gateway.runtime.background import time_sliced
 
 _TAG = re.compile(r'(W/)?("[\x21\x23-\x7e\x80-\xff]*")')
@@ -75,7 +75,7 @@ def _plain(tag: str) -> str:
 
 
 _A = TypeVar("_A", str, str | None)
-Write = Callable[[_A, Resource, str, Graph], "Representation"]
+Write = Callable[[_A, Resource, str, Context, Graph], "Representation"]
 
 FORMATS: Formats = {
     "turtle": ("Turtle", "text/turtle"),
@@ -121,11 +121,10 @@ class Representations:
         """Label and media type by word."""
         self.media_types = RDF_TYPES if html is None else (*RDF_TYPES, HTML)
         """Media types of all resources described in RDF, in order of preference."""
-        self._renderings = Renderings()
-        self._copies = Copies()
+        self.templates = Templates()
 
     async def negotiate_interleaved(
-        self, accept: str | None, resource: Resource, base: str, threads: Offload
+        self, accept: str | None, resource: Resource, base: str, context: Context, threads: Offload
     ) -> Representation:
         """Return the representation that Accept prefers. Other requests get turns if it takes long.
 
@@ -133,24 +132,29 @@ class Representations:
         """
         media_type = self.choose_media_type(accept, resource)
         if media_type is None or not self._is_long(resource, media_type):
-            return self.negotiate(accept, resource, base)
-        return await self._in_thread(self.negotiate, accept, resource, base, threads)
+            return self.negotiate(accept, resource, base, context)
+        return await self._in_thread(self.negotiate, accept, resource, base, context, threads)
 
     def choose_media_type(self, accept: str | None, resource: Resource) -> str | None:
         """Return the media type that Accept prefers; None if it excludes all."""
         return choose(accept, self._offered(resource))
 
     def negotiate(
-        self, accept: str | None, resource: Resource, base: str, graph: Graph | None = None
+        self,
+        accept: str | None,
+        resource: Resource,
+        base: str,
+        context: Context = PageContext,
+        graph: Graph | None = None,
     ) -> Representation:
         """Return the representation that Accept prefers. Raises NotAcceptable with the available types.
 
-        ``graph``: the description, if it is there.
+        ``context`` returns that of the page. ``graph``: the description, if it is there.
         """
         offered = self._offered(resource)
         while media_type := choose(accept, offered):
             try:
-                return self._represent(media_type, resource, base, graph)
+                return self._represent(media_type, resource, base, context, graph)
             except WriteError:
                 offered = tuple(each for each in offered if each != media_type)
         raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)
@@ -167,54 +171,56 @@ class Representations:
         return self.formats[picked][1]
 
     def rendering(self, resource: Resource, media_type: str, base: str) -> Rendering | None:
-        """Return the compiled rendering of measured values; None without any, or if the media type is not compiled."""
-        if media_type in resource.documents or not is_compilable(resource, media_type):
-            return None
-        return self._renderings.rendering(resource, media_type, base)
+        """Return the rendering of measured values; None without any, or if the media type has none."""
+        return None if media_type in resource.documents else self.templates.rendering(resource, media_type, base)
 
     def is_quick(self, accept: str | None, resource: Resource, base: str) -> bool:
-        """Return True if the preferred representation is a copy of a known document."""
+        """Return True if the preferred representation has a known template."""
         media_type = self.choose_media_type(accept, resource)
         return (
             media_type is not None
             and media_type not in resource.documents
-            and self._copies.is_known(resource, media_type, base)
+            and self.templates.is_known(resource, media_type, base)
         )
 
     def forget_robot(self, robot: str) -> None:
-        """Drop what is compiled of a robot that was removed."""
-        self._renderings.forget_robot(robot)
+        """Drop the templates of a robot that was removed."""
+        self.templates.forget_robot(robot)
 
-    def etags(self, resource: Resource, base: str) -> Iterator[str]:
+    def etags(self, resource: Resource, base: str, context: Context = PageContext) -> Iterator[str]:
         """Yield the tags of all representations, rendered on demand: a client may read JSON-LD and write Turtle."""
         for media_type in self._offered(resource):
             with suppress(WriteError):
-                yield self._represent(media_type, resource, base).etag
+                yield self._represent(media_type, resource, base, context).etag
 
-    async def etags_interleaved(self, resource: Resource, base: str, threads: Offload) -> AsyncIterator[str]:
+    async def etags_interleaved(
+        self, resource: Resource, base: str, context: Context, threads: Offload
+    ) -> AsyncIterator[str]:
         """Yield the tags like ``etags``. Other requests get turns."""
         async for media_type in time_sliced(self._offered(resource)):
             with suppress(WriteError):
                 if self._is_long(resource, media_type):
-                    found = await self._in_thread(self._represent, media_type, resource, base, threads)
+                    found = await self._in_thread(self._represent, media_type, resource, base, context, threads)
                 else:
-                    found = self._represent(media_type, resource, base)
+                    found = self._represent(media_type, resource, base, context)
                 yield found.etag
 
     def _is_long(self, resource: Resource, media_type: str) -> bool:
         """Return True if a representation takes more than a few milliseconds."""
-        return media_type not in resource.documents and (resource.steps is not None or media_type == HTML)
+        return media_type not in resource.documents and (resource.is_long or media_type == HTML)
 
     async def _in_thread(
-        self, make: Write[_A], asked: _A, resource: Resource, base: str, threads: Offload
+        self, make: Write[_A], asked: _A, resource: Resource, base: str, context: Context, threads: Offload
     ) -> Representation:
         """Write a description in a thread; it is made in steps here, because a thread must not read the live fleet."""
         graph = Graph()
         async for _ in time_sliced(resource.describe_in_steps(graph, base)):
             pass
-        return await threads.run(partial(make, asked, resource, base, graph), len(graph.statements), 0)
+        return await threads.run(partial(make, asked, resource, base, context, graph), len(graph.statements), 0)
 
-    def _represent(self, media_type: str, resource: Resource, base: str, graph: Graph | None = None) -> Representation:
+    def _represent(
+        self, media_type: str, resource: Resource, base: str, context: Context, graph: Graph | None = None
+    ) -> Representation:
         if resource.linkset_of is not None:
             anchor, links = base + resource.linkset_of.path, related_links(resource.linkset_of, base)
             write_links: Callable[..., bytes] = linkset_json if media_type == LINKSET_TYPES[0] else linkset_text
@@ -223,11 +229,12 @@ class Representations:
             return Representation(resource.documents[media_type](), media_type)
         if (rendering := self.rendering(resource, media_type, base)) is not None:
             return Representation(rendering.render_current(), media_type)
-        if (copied := self._copies.document(resource, media_type, base)) is not None:
-            return Representation(copied.content, media_type, copied)
+        if (filled := self.templates.document(resource, media_type, base)) is not None:
+            return Representation(filled.content, media_type, filled)
         graph = graph or resource.full_graph(base)
         if media_type == HTML and self.html is not None:
-            return Representation(self.html.write_resource(resource, graph.triples, base, self.formats), media_type)
+            page = self.html.write_resource(resource, graph.triples, base, self.formats, context())
+            return Representation(page, media_type)
         document = render_graph(graph, media_type, PREFIXES, base=base + resource.path)
         return Representation(document.content, media_type, document)
 

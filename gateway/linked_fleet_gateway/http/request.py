@@ -19,23 +19,22 @@ from linked_fleet_gateway.http.answers import ResponseCache
 from linked_fleet_gateway.http.arrival import Scheme, arrival_of
 from linked_fleet_gateway.http.awaited_robots import AwaitedRobots
 from linked_fleet_gateway.http.fields import field as field_of
-from linked_fleet_gateway.http.html import HtmlWriter, Reader
 from linked_fleet_gateway.http.representation import Representations
-from linked_fleet_gateway.http.scheduling import Offload, StopPriority, TokenBuckets
+from linked_fleet_gateway.http.request_events import RequestEvent, RequestEvents
+from linked_fleet_gateway.http.scheduling import Offload, StopPriority, TokenBuckets, bucket_key
 from linked_fleet_gateway.identity.rights import Identity, Right
 from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.resources.html import HtmlWriter, Reader
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
-from linked_fleet_gateway.runtime.audit_log import AuditLog
-from linked_fleet_gateway.runtime.embedded_redis import EmbeddedRedis
-from linked_fleet_gateway.runtime.store_marker import StoreMarker
-from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_gateway.runtime.log import current_request
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_server.exchange import Reply
 
-AUDIT_RIGHTS = (Right.ADMIN,)
-"""The rights, any of which permits reading the audit log."""
+_NOTHING_DONE = (401, 404, 405)
+_LONGEST = 500  # characters of a reported path
 
 
 class Application(Protocol):
@@ -55,11 +54,10 @@ class Services:
     live: Live
     actions: Actions
     subscriptions: Subscriptions
-    audit: AuditLog
+    request_events: RequestEvents
     identities: Identities | None
-    embedded: EmbeddedRedis | None
-    store_marker: StoreMarker | None = None
-    """Notices lost data of an external Redis."""
+    data_warning: Callable[[], str] = str
+    """Returns a sentence about data in Redis that are lost; empty without any."""
     offload: Offload = field(default_factory=Offload)
     writing_offload: Offload = field(default_factory=partial(Offload, sys.maxsize))
     """Writes long representations; the number of connections is their only limit."""
@@ -151,6 +149,15 @@ class _Resolved(HTTPConnection):
         """True if the page shows who has logged in."""
         return self.arrival.authenticated.shown_on_pages
 
+    def field(self, name: str) -> str | None:
+        """Return all lines of a list-valued field as one value (RFC 9110, 5.3); None if there is none."""
+        return field_of(self, name)
+
+    @property
+    def client_key(self) -> str:
+        """The identity of the caller, or without one its network, by which limits count clients."""
+        return bucket_key(self.scope)
+
     @property
     def effective_accept(self) -> str | None:
         """The Accept field, or the types that ``?as=`` picks instead. Raises NotAcceptable for an unknown word."""
@@ -162,13 +169,30 @@ class _Resolved(HTTPConnection):
         caller, rights = self.caller, None
         if self.services.identities is not None:
             rights = tuple(each.value for each in Right if caller.has_right(each, robot_of(path)))
-        return Reader(caller.name if self.shown_on_pages else "", rights, caller.has_any_right(AUDIT_RIGHTS, None))
+        return Reader(caller.name if self.shown_on_pages else "", rights, self.restricted_paths)
+
+    @property
+    def restricted_paths(self) -> tuple[str, ...]:
+        """The paths of the restricted branches that the caller may read."""
+        return self.services.live.branches.restricted_paths(self.caller)
 
     @property
     def caller_name(self) -> str:
         """The displayed and counted name of the caller; without identities the network address."""
         client = self.scope.get("client")
         return self.caller.name or (client[0] if client else "")
+
+    def report(self, event: str, status: int | None, location: str = "") -> None:
+        """Tell listeners that this was executed, or refused although its resource was found (``RequestEvent``)."""
+        if status in _NOTHING_DONE:
+            return
+        asked, path = current_request(), self.scope["path"][:_LONGEST]
+        self.services.request_events.tell(
+            RequestEvent(
+                self.caller_name, event, path, robot_of(path) or "", status,
+                "" if asked is None else asked.id, location.removeprefix(self.base).partition("?")[0],
+            )
+        )  # fmt: skip
 
     def tree(self, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Tree:
         """Return the tree as the caller may see it; ``subscriptions`` are those to show."""

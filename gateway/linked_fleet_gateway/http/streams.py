@@ -7,8 +7,6 @@ from dataclasses import replace
 from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.base.errors import Conflict, NotAcceptable
-from linked_fleet_gateway.http.arrival import names_event_stream
-from linked_fleet_gateway.http.audit import record_request
 from linked_fleet_gateway.http.callers import require_subtree
 from linked_fleet_gateway.http.event_stream import CACHE_CONTROL, CANCELLED_ID, serve_event_stream
 from linked_fleet_gateway.http.fields import field
@@ -51,7 +49,7 @@ _Start = Callable[[Outlet], Awaitable[Feed]]
 
 def wants_events(request: Request) -> bool:
     """Return True if Accept names event streams and prefers no other type of ours."""
-    if not names_event_stream(request.arrival.fields):
+    if not request.arrival.names_event_stream:
         return False
     ranges = parse_accept(field(request, "accept"))
     named = max((each.q for each in ranges if (each.type, each.subtype) == ("text", "event-stream")), default=0.0)
@@ -137,14 +135,12 @@ async def _live(
         watcher = subscriptions.streams.open(subscription, outlet, last)
         return watcher
 
-    record_request(
-        connection, "subscribe", 101 if subscription.kind is Kind.WEBSOCKET else 200, subscription_path(subscription)
-    )
+    connection.report("subscribe", 101 if subscription.kind is Kind.WEBSOCKET else 200, subscription_path(subscription))
     try:
         with _guarded(connection, subscription):
             await serve(start)
     finally:
-        record_request(connection, "unsubscribe", None, subscription_path(subscription))
+        connection.report("unsubscribe", None, subscription_path(subscription))
         subscriptions.streams.close(subscription, watcher, reopenable=posted)
 
 

@@ -29,14 +29,14 @@ from linked_fleet_gateway.http.writes import check_acceptable, created_response
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
-from linked_fleet_gateway.resources.renderings import message_types
+from linked_fleet_gateway.resources.message_body import message_types
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import SubscriptionRequest as Wanted
 from linked_fleet_gateway.resources.subscription_resource import container_path, read_request, subscription_path
-from linked_fleet_gateway.subscriptions.network import ForbiddenHost, check_callback_url
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 from linked_fleet_gateway.subscriptions.store import SubscriptionLimitReached, SubscriptionNotHeld
+from linked_fleet_webhooks.network import ForbiddenHost, check_callback_url
 
 OPTIONS = ("depth", "interval", "deadband", "last-event-id")
 MAX_INTERVAL_S = 86_400.0

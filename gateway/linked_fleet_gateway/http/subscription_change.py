@@ -16,9 +16,8 @@ from linked_fleet_gateway.http.subscribe import (
     resolve_media_type,
     translate_store_errors,
 )
-from linked_fleet_gateway.http.writes import apply_patch, read_patch
+from linked_fleet_gateway.http.writes import Patch, apply_patch, read_patch
 from linked_fleet_gateway.identity.rights import Right
-from linked_fleet_gateway.rdf.sparql_update import Operation
 from linked_fleet_gateway.resources.affordance import ChangeSubscription
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Depth, Record, Subscription
@@ -35,7 +34,7 @@ async def change_subscription(request: Request, affordance: ChangeSubscription) 
         return await cancel_subscription(request, affordance)
     subscriptions: Subscriptions = request.services.subscriptions
     path = subscription_path(affordance.record.subscription)
-    update = await read_patch(request, request.base + path)
+    patch = await read_patch(request, request.base + path)
     while True:
         # Evaluated in each attempt, because another client may change it while the body is read.
         record = await subscriptions.get_record(affordance.record.subscription.id)
@@ -43,7 +42,7 @@ async def change_subscription(request: Request, affordance: ChangeSubscription) 
         if record is None or present is None:
             raise NotFound("The subscription has ended meanwhile.")
         await await_preconditions(request, present)
-        options = await _options(request, update, record.subscription, present)
+        options = await _options(request, patch, record.subscription, present)
         if options == record.subscription.options:
             return Response(status_code=204)
         with translate_store_errors():
@@ -57,12 +56,10 @@ def _described(request: Request, record: Record) -> Resource | None:
     return found if isinstance(found, Resource) else None
 
 
-async def _options(
-    request: Request, update: list[Operation], subscription: Subscription, present: Resource
-) -> ChangeableOptions:
-    """Return the options after the update, checked for this resource."""
+async def _options(request: Request, patch: Patch, subscription: Subscription, present: Resource) -> ChangeableOptions:
+    """Return the options after the patch, checked for this resource."""
     iri, before = request.base + present.path, present.full_graph(request.base).triples
-    after = apply_patch(update, present, request.base, lambda described: managed_option_statements(described, iri))
+    after = apply_patch(patch, present, request.base, lambda described: managed_option_statements(described, iri))
     offload: Offload = request.services.offload
     read = partial(changed_options, before, after, subscription, request.base)
     options = await offload.run(read, len(after), _SHORT_TRIPLES)

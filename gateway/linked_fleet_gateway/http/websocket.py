@@ -15,14 +15,13 @@ from typing import Any
 from websockets.frames import CloseCode, Opcode
 
 from linked_fleet_gateway.base.errors import NotAcceptable
-from linked_fleet_gateway.http.audit import record_request
 from linked_fleet_gateway.http.request import WebSocket
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.server.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Feed, Message, Outlet
+from linked_fleet_server.websocket_protocol import WEBSOCKET, WebSocketProtocol
 
 
 def is_binary(media_type: str) -> bool:
@@ -180,7 +179,7 @@ async def serve_subprotocol(websocket: WebSocket, resource: Resource, handler: W
         raise NotAcceptable(f"Name a subprotocol: {', '.join(handler.subprotocols)}.", offered=())
     protocol: WebSocketProtocol = websocket.scope["extensions"][WEBSOCKET]
     protocol.accept_messages(handler.max_message_bytes)
-    record_request(websocket, "subscribe", 101)
+    websocket.report("subscribe", 101)
     connection = SubprotocolConnection(websocket, protocol, named[0])
     try:
         await websocket.accept(named[0])
@@ -191,7 +190,7 @@ async def serve_subprotocol(websocket: WebSocket, resource: Resource, handler: W
         pass
     finally:
         connection.end()
-        record_request(websocket, "unsubscribe", None)
+        websocket.report("unsubscribe", None)
 
 
 def _guarded(

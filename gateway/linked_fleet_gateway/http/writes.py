@@ -1,9 +1,9 @@
 """Writes of resources: PUT, DELETE and PATCH, the requested interaction model, and the response to a creation.
 
 PUT and DELETE apply to the control lease and to settings of a robot (R0.5), DELETE also to a robot that has gone. PATCH
-is a SPARQL update of one resource (RFC 5789; LDP 4.2.7), whose result is handled like PUT. A client requests an
-interaction model by ``Link; rel="type"`` (LDP 5.2.3.4 and 4.2.1.4). The response to a creation has the location and the
-description of the resource.
+(RFC 5789; LDP 4.2.7) takes what extensions read, such as SPARQL updates; its result is handled like PUT. A client
+requests an interaction model by ``Link; rel="type"`` (LDP 5.2.3.4 and 4.2.1.4). The response to a creation has the
+location and the description of the resource.
 """
 
 import json
@@ -18,6 +18,7 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
 from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.base import contributions
 from linked_fleet_gateway.base.errors import (
     BadRequest,
     Conflict,
@@ -35,8 +36,6 @@ from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES
-from linked_fleet_gateway.rdf.sparql_update import Operation, apply_update, parse_update
 from linked_fleet_gateway.rdf.validation import ground_statements, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, LF
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, ForgetRobot, PutSetting
@@ -50,35 +49,38 @@ if TYPE_CHECKING:
     from linked_fleet_gateway.resources.json_form import Form
 
 
-PATCH_TYPES = ("application/sparql-update",)
+MAX_PATCH_BYTES = 32 * 1024
+Patch = Callable[[Sequence[Triple]], list[Triple]]
+"""Returns the changed statements of a description. Raises UnprocessableContent."""
+PatchReader = Callable[[bytes, str], Patch]
+"""Reads a body, with an IRI as base. Raises BadRequest, PayloadTooLarge."""
 Managed = Callable[[Sequence[Triple]], Iterable[Triple]]
 """Returns the statements of a description that clients cannot remove."""
 
 
-async def read_patch(request: Request, iri: str) -> list[Operation]:
-    """Return the update in the body, with ``iri`` as base.
+def patch_types() -> tuple[str, ...]:
+    """Return the media types of bodies of PATCH; without any there is no PATCH."""
+    return tuple(contributions.present().patches)
+
+
+async def read_patch(request: Request, iri: str) -> Patch:
+    """Return the patch in the body, with ``iri`` as base.
 
     Raises BadRequest, PayloadTooLarge, Busy, UnsupportedMediaType.
     """
     try:
-        body_type(request, PATCH_TYPES)
+        media_type = body_type(request, patch_types())
     except UnsupportedMediaType as error:
-        error.headers["Accept-Patch"] = ", ".join(PATCH_TYPES)
+        error.headers["Accept-Patch"] = ", ".join(patch_types())
         raise
-    return await convert_body(request, lambda content: _read(content, iri), MAX_QUERY_BYTES)
+    read: PatchReader = contributions.present().patches[media_type]
+    return await convert_body(request, lambda content: read(content, iri), MAX_PATCH_BYTES)
 
 
-def _read(content: bytes, iri: str) -> list[Operation]:
-    try:
-        return parse_update(content.decode("utf-8-sig"), iri)
-    except UnicodeDecodeError as error:
-        raise BadRequest("The update is not UTF-8.") from error
-
-
-def apply_patch(operations: Sequence[Operation], resource: Resource, base: str, managed: Managed) -> list[Triple]:
-    """Return the description after the update. Raises UnprocessableContent if it removes managed statements."""
+def apply_patch(patch: Patch, resource: Resource, base: str, managed: Managed) -> list[Triple]:
+    """Return the description after the patch. Raises UnprocessableContent if it removes managed statements."""
     graph = resource.full_graph(base)
-    after = apply_update(graph.triples, operations)
+    after = patch(graph.triples)
     left = set(after)
     refuse_statements(
         [triple for triple in managed(graph.triples) if triple not in left],
@@ -100,8 +102,8 @@ async def read_change(
     if request.method == "PUT":
         triples = await read()
         return lambda present: triples
-    update = await read_patch(request, iri)
-    return lambda present: apply_patch(update, present, request.base, managed)
+    patch = await read_patch(request, iri)
+    return lambda present: apply_patch(patch, present, request.base, managed)
 
 
 async def control_lease(request: Request, affordance: Control) -> Response:

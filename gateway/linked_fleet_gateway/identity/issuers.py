@@ -125,6 +125,10 @@ class IssuerKeys:
                 self.metadata = await self._discover()
         return self.metadata
 
+    async def endpoint(self, name: str) -> str:
+        """Return an endpoint that the discovery document names. Raises IssuerFailed."""
+        return endpoint(await self.discovery_document(), name, self._url)
+
     async def _fetch_again(self, kid: str) -> None:
         async with self._turn:
             now_s = time.monotonic()

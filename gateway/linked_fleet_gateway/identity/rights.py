@@ -26,11 +26,17 @@ EVERY = "*"
 class View:
     """The robots that a caller sees, by name patterns; all robots for ``ALL``.
 
-    Views are compared, because what is rendered for one is not shown to another. Create them with ``view``.
+    Views are compared, because what is rendered for one is not shown to another. Create them with ``of``.
     """
 
     patterns: tuple[str, ...]
     name: str = ""
+
+    @staticmethod
+    @lru_cache(maxsize=4096)
+    def of(patterns: frozenset[str], name: str) -> "View":
+        """Return the same object for the same robots; everybody who sees all robots shares ``ALL``."""
+        return ALL if EVERY in patterns else View(tuple(sorted(patterns)), name)
 
     @property
     def includes_all(self) -> bool:
@@ -50,12 +56,6 @@ class View:
 
 
 ALL = View((EVERY,))
-
-
-@lru_cache(maxsize=4096)
-def view(patterns: frozenset[str], name: str) -> View:
-    """Return the same object for the same robots; everybody who sees all robots shares ``ALL``."""
-    return ALL if EVERY in patterns else View(tuple(sorted(patterns)), name)
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class Identity:
     def _views(self) -> dict[Right, View]:
         given = {scope: [grant for grant in self.grants if grant.includes(scope)] for scope in Right}
         return {
-            scope: view(frozenset(pattern for grant in grants for pattern in grant.robots), self.name)
+            scope: View.of(frozenset(pattern for grant in grants for pattern in grant.robots), self.name)
             for scope, grants in given.items()
         }
 

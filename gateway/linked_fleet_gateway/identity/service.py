@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import Any, Self
 
 from linked_fleet_gateway.identity.issuers import BadToken, IssuerKeys, Web, claimed_issuer, expiry_ns, verify_token
 from linked_fleet_gateway.identity.rights import Credential, Identity, Right, View
@@ -79,11 +79,15 @@ class Identities:
     def keys(self, issuer: Issuer) -> IssuerKeys:
         return self._keys.setdefault(issuer.url, IssuerKeys(self.web, issuer.url))
 
+    async def verify(self, token: str, issuer: Issuer, audience: str) -> dict[str, Any]:
+        """Return the claims of a token of the issuer for an audience. Raises BadToken, IssuerFailed."""
+        return await verify_token(token, issuer, self.keys(issuer), audience)
+
     async def _issued(self, text: str) -> Credential:
         issuer = self.roster.issuers.get(claimed_issuer(text) or "")
         if issuer is None:
             raise BadToken("it is unknown")
-        said = await verify_token(text, issuer, self.keys(issuer), issuer.audience)
+        said = await self.verify(text, issuer, issuer.audience)
         claims = issuer.claims(said, expiry_ns(said))
         if claims is None:
             raise BadToken(f"it has no usable claim {issuer.name_claim}")

@@ -14,13 +14,12 @@ from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import (
     Accepted,
     Command,
-    Mesh,
     Progress,
     Refused,
     Reply,
     Stop,
 )
-from linked_fleet_gateway.fleet.answers import read_mesh, read_reply
+from linked_fleet_gateway.fleet.answers import read_reply
 from linked_fleet_gateway.fleet.events import Event, Frames
 from linked_fleet_gateway.fleet.presence import PresenceCheck, Token
 from linked_fleet_gateway.link.discovery import Discovery, Judge
@@ -253,13 +252,6 @@ class FleetLink:
             if span is not None and only is not None:
                 span.record_reply(replies.get(only))
         return replies
-
-    async def mesh(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:
-        """Return the content of a mesh, of the length in ``mesh``. Raises NoAnswer."""
-        none = f"no agent hands out meshes of robot {robot!r}"
-        return await self.ask_agent(
-            robot, "mesh", mesh.sha256.encode(), mesh.size, timeout_s, lambda answer: read_mesh(answer, mesh), none
-        )
 
     async def ask_agent(
         self,

@@ -82,6 +82,8 @@ VECTOR_AXES = (MATHS.x, MATHS.y, MATHS.z)
 QUATERNION_AXES = (*VECTOR_AXES, LF.w)
 Node = NamedNode | BlankNode
 Term = NamedNode | BlankNode | Literal
+Number = float | Literal
+"""A number, or the literal that is written in place of one."""
 
 
 class Graph:
@@ -128,20 +130,20 @@ class Graph:
             self.add(cell, RDF.rest, rest)
         return cells[0]
 
-    def scalar(self, subject: Node, predicate: NamedNode, value: float | None, unit: Unit) -> None:
+    def scalar(self, subject: Node, predicate: NamedNode, value: Number | None, unit: Unit) -> None:
         """Add a ``maths:Scalar`` as in Figure 3; the unit is added even if the value is unknown."""
         node = self.blank(MATHS.Scalar)
         self.add(subject, predicate, node)
         self.add(node, VOM.numericalValue, number(value))
         self.unit(node, unit)
 
-    def vector(self, subject: Node, predicate: NamedNode, xyz: Sequence[float] | None, unit: Unit | None) -> None:
+    def vector(self, subject: Node, predicate: NamedNode, xyz: Sequence[Number] | None, unit: Unit | None) -> None:
         """Add a ``maths:Vector3D`` as in Figure 3, with its unit if there is one."""
         node = self.components(subject, predicate, MATHS.Vector3D, VECTOR_AXES, map(number, xyz or (None,) * 3))
         if unit is not None:
             self.unit(node, unit)
 
-    def quaternion(self, subject: Node, predicate: NamedNode, xyzw: Sequence[float] | None) -> None:
+    def quaternion(self, subject: Node, predicate: NamedNode, xyzw: Sequence[Number] | None) -> None:
         self.components(subject, predicate, LF.Quaternion, QUATERNION_AXES, map(number, xyzw or (None,) * 4))
 
     def components(
@@ -158,12 +160,14 @@ class Graph:
         self.add(node, VOM.unit, unit.vom)
         self.add(node, QUDT.unit, unit.qudt)
 
-    def result_time(self, subject: Node, wall_ns: int | None) -> None:
-        self.add(subject, SOSA.resultTime, LF.unknown if wall_ns is None else timestamp(wall_ns))
+    def result_time(self, subject: Node, wall_ns: int | Literal | None) -> None:
+        self.add(subject, SOSA.resultTime, moment(wall_ns))
 
 
-def number(value: float | None) -> Term:
-    """Return an xsd:float as in the figures, or ``lf:unknown`` for None and NaN."""
+def number(value: Number | None) -> Term:
+    """Return an xsd:float as in the figures, or ``lf:unknown`` for None and NaN. A literal stays as it is."""
+    if isinstance(value, Literal):
+        return value
     if value is None or math.isnan(value):
         return LF.unknown
     return Literal(lexical(value), datatype=XSD.float)
@@ -177,6 +181,13 @@ def lexical(value: float) -> str:
 def integer(value: int) -> Literal:
     """Return an xsd:integer."""
     return Literal(str(value), datatype=XSD.integer)
+
+
+def moment(wall_ns: int | Literal | None) -> Term:
+    """Return a time, or ``lf:unknown`` for None. A literal stays as it is."""
+    if isinstance(wall_ns, Literal):
+        return wall_ns
+    return LF.unknown if wall_ns is None else timestamp(wall_ns)
 
 
 def timestamp(wall_ns: int, *, resolution_ns: int = 1_000_000) -> Literal:

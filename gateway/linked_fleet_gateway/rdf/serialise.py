@@ -1,4 +1,4 @@
-"""Serialization of triples in every RDF media type that the gateway offers; ``rdf.parsing`` is the inverse.
+"""Serialization of triples in every RDF media type that the gateway offers (reading: ``linked_fleet_rdf.parsing``).
 
 The same triples in the same order give the same bytes, so that an ETag can be the hash of the body.
 """
@@ -10,9 +10,9 @@ from typing import TypeVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
-from linked_fleet_gateway.rdf import jsonld, turtle
-from linked_fleet_gateway.rdf.parsing import ParseError, parse
-from linked_fleet_gateway.rdf.turtle import TYPE, Outline, Subject, Term
+from linked_fleet_rdf import jsonld, turtle
+from linked_fleet_rdf.parsing import ParseError, parse
+from linked_fleet_rdf.turtle import TYPE, Outline, Subject, Term
 
 __all__ = [
     "JELLY", "JSON", "N_TRIPLES", "RDF_TYPES", "TEXT_TYPES", "ParseError", "WriteError", "n_triples", "parse", "render",
@@ -56,7 +56,7 @@ def render(triples: Sequence[Triple], media_type: str, prefixes: Mapping[str, st
         case "application/rdf+xml":
             return _rdf_xml(triples, prefixes)
         case "application/x-jelly-rdf":
-            from linked_fleet_gateway.rdf import jelly
+            from linked_fleet_rdf import jelly
 
             return jelly.write_jelly(_relabelled(triples))
     raise ValueError(f"no writer for {media_type}; there are {', '.join(RDF_TYPES)}")

@@ -14,7 +14,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import UNITS, Graph, Node, Term
 from linked_fleet_gateway.rdf.vocabulary import LDP, NUMERIC, PREFIXES, QUDT, RDF, SH, VOM, XSD
-from linked_fleet_gateway.shacl import Data, Statement, Violation, compile_shape, report
+from linked_fleet_shacl import Data, Statement, Violation, compile_shape, report
 
 # The lexical spaces of XML Schema 2, 3.2 and 3.3 (RDF 1.1 Concepts, 5.1), without white space, which only XML
 # collapses. Python's float accepts more, such as 1_0.

@@ -5,7 +5,7 @@ The namespaces are closed: a term that is not listed raises AttributeError, so t
 in ``lf`` and described in shapes/linked_fleet_shapes/vocabulary.ttl. Extensions add terms of their own to ``lf``.
 """
 
-from linked_fleet_gateway.shacl.terms import Namespace
+from linked_fleet_shacl.terms import Namespace
 
 RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil Property")
 RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso label comment Class subClassOf")
@@ -89,7 +89,7 @@ LF = Namespace(
     "Fleet Robot Joint ContinuousJoint PrismaticJoint FixedJoint FloatingJoint PlanarJoint Invocation Blueprint"
     " ScalarProperty Translation Limits Pose Twist Point Inertia Mimicry JointState JointSample FrameLayout FrameField"
     " Quaternion Problem Stream WebSocketStream EventStream ActionKind Rehearsal ControlLease TextProperty"
-    " SpeedScale Annotations NamedPose JointTargets JointTrajectory TargetPosition Model Mesh"
+    " SpeedScale Annotations NamedPose JointTargets JointTrajectory TargetPosition"
     # kinds of actions
     " Rotate RotateBy Translate TranslateBy Hold MoveJoints FollowTrajectory AssumePose StopRobot StopAll"
     " CancelInvocation"
@@ -100,7 +100,7 @@ LF = Namespace(
     " ActionShape"
     " ContainerShape MemberShape"
     " ControlLeaseShape ControlLeaseInput TextPropertyShape TextInput AnnotationsShape SpeedScaleShape SpeedScaleInput"
-    " TargetPositionShape ModelShape MeshShape FrameLayoutShape"
+    " TargetPositionShape FrameLayoutShape"
     # individuals
     " unknown online offline faulty accepted running succeeded failed cancelled preempted free held"
     " thisAlone withProperties wholeSubtree active"
@@ -116,7 +116,7 @@ LF = Namespace(
     # predicates: what actions take and invocations tell
     " speed speedScale precondition tolerance tiedTo waypoint atTime poseName namedPose input duration progress"
     " preempts preemptedBy positionResidual orientationResidual answer ofRobot currentTask"
-    " lastMoved moving modelName batteryCharge Audit InvocationList"
+    " lastMoved moving modelName batteryCharge InvocationList"
     # predicates: control and settings
     " lease holder expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages
@@ -128,9 +128,7 @@ LF = Namespace(
     " position positionUnit velocityUnit effortUnit orientation origin frame w linear angular"
     " ixx ixy ixz iyy iyz izz"
     # predicates: the binary frame (desideratum D5)
-    " frameLayout fieldName fieldType byteOffset valueCount field byteOrder ofProperty valuePath"
-    # predicates: geometry (desideratum D5)
-    " model mesh byteSize sha256",
+    " frameLayout fieldName fieldType byteOffset valueCount field byteOrder byteSize ofProperty valuePath",
 )
 
 PREFIXES: dict[str, str] = {

@@ -13,7 +13,7 @@ from itertools import chain, islice
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.fleet.model import Joint
+from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.shapes import ACTIONS, add_closure, copy_shape, load_turtle
@@ -243,6 +243,15 @@ class Offer:
         graph.add(iri, SH.targetClass, LF.Invocation)
         graph.add(iri, SH.node, self.definition.produces)
         add_closure(graph, self.definition.produces)
+
+
+def offers_at(robot: Robot | None, part: Joint | Link | None = None) -> list[Offer]:
+    """Return the actions of the fleet (None), of a robot, or of its joint; a link has none."""
+    if robot is None:
+        return fleet_offers()
+    if part is None:
+        return robot_offers(robot)
+    return joint_offers(robot, part) if isinstance(part, Joint) else []
 
 
 def joint_offers(robot: Robot, joint: Joint, segment: str | None = None) -> list[Offer]:

@@ -1,6 +1,7 @@
 """The part of the tree below the actions of a thing: actions, shapes of their results, and invocations."""
 
 from collections.abc import Sequence
+from functools import partial
 
 from pyoxigraph import Literal
 
@@ -11,6 +12,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
+from linked_fleet_gateway.resources.description import Describe, DescriptionTemplate
 from linked_fleet_gateway.resources.invocation import (
     cancel_path,
     describe_cancel,
@@ -19,7 +21,7 @@ from linked_fleet_gateway.resources.invocation import (
     invocation_path,
 )
 from linked_fleet_gateway.resources.plain_json import add_plain_json
-from linked_fleet_gateway.resources.resource import CONTAINER, DescriptionTemplate, Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
 
@@ -79,25 +81,26 @@ def _facts(invocation: Invocation) -> tuple[object, ...]:
 
 def _action(offer: Offer, source: Source, base: str) -> Resource:
     own = (offer.path + "/produceshape", offer.path + "/invocations")
-    template_key = offer.template_key
-    template = None
-    if template_key is not None:
-        template = DescriptionTemplate(
-            template_key,
-            offer.thing,
-            lambda graph, thing, values: offer.describe_at(graph, base, thing, values),
-            lambda: offer.values,
-        )
     # Neither an LDP resource nor a container: PUT does not replace state, POST does not create a member.
     return Resource(
         offer.path,
         offer.name,
-        lambda graph: offer.describe(graph, base),
+        _description(offer, base),
         (),
         source,
         own,
         affords=Invoke(offer),
-        template=template,
+    )
+
+
+def _description(offer: Offer, base: str) -> Describe:
+    if (key := offer.template_key) is None:
+        return partial(offer.describe, base=base)
+    return DescriptionTemplate(
+        key,
+        offer.thing,
+        lambda graph, thing, values: offer.describe_at(graph, base, thing, values),
+        lambda: offer.values,
     )
 
 
@@ -110,29 +113,25 @@ def _result(offer: Offer, source: Source, base: str) -> Resource:
     return Resource(
         offer.path + "/produceshape",
         f"Shape of what {offer.name} produces",
-        lambda graph: offer.describe_result(graph, base, offer.thing, title),
+        DescriptionTemplate((offer.definition.iri, "result"), offer.thing, describe, lambda: (title,)),
         source=source,
-        template=DescriptionTemplate((offer.definition.iri, "result"), offer.thing, describe, lambda: (title,)),
     )
 
 
 def _invocations(offer: Offer, invocations: InvocationsInView, base: str) -> Resource:
     members = invocations.of_action(offer.path)
-    template = None
-    if not members:
-        template = DescriptionTemplate(
-            (offer.definition.iri, "no invocations"),
-            offer.thing,
-            lambda graph, thing, _: describe_invocations(graph, base, offer.path_at(thing), offer.robot, []),
-        )
+
+    def describe(graph: Graph, thing: str = offer.thing, _: object = ()) -> None:
+        describe_invocations(graph, base, offer.path_at(thing), offer.robot, members)
+
+    alike = DescriptionTemplate((offer.definition.iri, "no invocations"), offer.thing, describe)
     return Resource(
         offer.path + "/invocations",
         f"Invocations of {offer.name}",
-        lambda graph: describe_invocations(graph, base, offer.path, offer.robot, members),
+        describe if members else alike,
         CONTAINER,
         Source(lambda: [(each.id, each.state.value, each.reason) for each in invocations.of_action(offer.path)]),
         own_paths=tuple(invocation_path(each) for each in members),
-        template=template,
     )
 
 

@@ -3,9 +3,9 @@
 The tree knows only the segment of a branch. The branch resolves the rest of the path for what the caller may see.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 from msgspec import Struct, field
@@ -14,7 +14,7 @@ from pyoxigraph import NamedNode, Triple
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.fleet.model import Joint, Link, Pose
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.identity.rights import Identity, Right, View
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Redirect, Resource, TypedLink
@@ -48,7 +48,7 @@ class FleetBranch:
 
     segment: str
     predicate: NamedNode | None
-    resolve: Callable[[RequestView, list[str]], Found]
+    resolve: Callable[[RequestView, list[str]], Found] = lambda view, rest: None
     allows_encoded_slashes: bool = False
     """True if later segments may contain encoded slashes."""
     graphs: Callable[[RequestView], Iterable[tuple[str, Sequence[Triple]]]] | None = None
@@ -62,6 +62,13 @@ class FleetBranch:
     """The ``Container`` that the resources are of, if the core answers its writes; else None."""
     link: tuple[str, str] | None = None
     """Relation and media type of a link from ``/`` to ``/{segment}`` in its Link field and link set."""
+    reading: tuple[Right, ...] = ()
+    """Rights, one of which its readers need for some robot, instead of the right to read; ``ADMIN`` for all robots.
+
+    The Link field and link set of ``/`` have a link for them alone. Its description has none, so ``predicate`` is None.
+    """
+    load: Callable[[RequestView, list[str]], Awaitable[Resource]] | None = None
+    """Reads a resource from a store for each request, instead of ``resolve``. Raises NotFound and other errors."""
 
     @property
     def path(self) -> str:
@@ -152,6 +159,27 @@ class Branches:
     def poses(self) -> dict[str, Pose]:
         """Poses of resources of branches in the frame that robots have in common, by path."""
         return {path: pose for each in self.fleet_branches if each.poses for path, pose in each.poses().items()}
+
+    @cached_property
+    def _restricted(self) -> tuple[FleetBranch, ...]:
+        return tuple(each for each in self.fleet_branches if each.reading)
+
+    def restricted_paths(self, caller: Identity) -> tuple[str, ...]:
+        """Return the paths of the branches with ``reading`` that the caller may read."""
+        return tuple(each.path for each in self._restricted if caller.has_any_right(each.reading, None))
+
+    @cached_property
+    def _stored(self) -> Mapping[str, FleetBranch]:
+        return {each.segment: each for each in self.fleet_branches if each.load is not None}
+
+    def stored_branch(self, path: str) -> FleetBranch | None:
+        """Return the branch at or above the path, if its resources are read from a store."""
+        return self._stored.get(path[1:].partition("/")[0])
+
+    def reading(self, path: str) -> tuple[Right, ...]:
+        """Return the rights, one of which readers of the path need; empty if its branch does not say so."""
+        segment = path[1:].partition("/")[0]
+        return next((each.reading for each in self._restricted if each.segment == segment), ())
 
     def fleet_branch(self, segment: str) -> FleetBranch | None:
         return next((each for each in self.fleet_branches if each.segment == segment), None)

@@ -75,6 +75,10 @@ class Container(Generic[T]):
     def member_path(self, id: str) -> str:
         return f"{self.path}/{id}"
 
+    def offers(self, member: str, label: str, segment: str | None = None) -> list[Offer]:
+        """Return the actions of a member at a path, or only the one with the segment; ``label`` names the member."""
+        return offers_of(self.member_type, member, label, segment)
+
     @property
     def branch(self) -> FleetBranch:
         """The branch of the tree, for ``Mount.branches``."""
@@ -156,7 +160,7 @@ class Member(Generic[T]):
 
     def offers(self, segment: str | None = None) -> list[Offer]:
         """Return its actions, or only the one with the segment."""
-        return offers_of(self.container.member_type, self.path, self.title, segment)
+        return self.container.offers(self.path, self.title, segment)
 
     @property
     def title(self) -> str:

@@ -11,13 +11,13 @@ from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, timestamp
+from linked_fleet_gateway.rdf.graph import Graph, moment, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XHV, XSD
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.annotations import annotate
 from linked_fleet_gateway.resources.invocation import describe_unchecked, unchecked_links
 from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
+from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
 from linked_fleet_gateway.resources.property import Measurement, Property, added_link_statements
 
@@ -133,7 +133,6 @@ class Describer:
         graph.add(iri, LF.finding, *map(Literal, _all_findings(robot.model)))
         graph.add(iri, LF.baseMobility, Literal(robot.description.base))
         graph.add(iri, LF.rootLink, self.iri(link_path(robot.name, robot.model, robot.model.root)))
-        graph.add(iri, LF.model, self.iri(model_path(robot.name)))
         graph.add(iri, DCTERMS.hasPart, *(self.iri(part) for part in part_paths(robot)))
         self._properties(graph, path, self.robot_properties(robot), None if measurements is None else measurements[:-1])
         for joint in robot.model.joints.values():
@@ -224,7 +223,7 @@ class Describer:
             self.presence(graph, iri, robot)
 
     def _last_frame(self, graph: Graph, iri: NamedNode, seen: Measurement) -> None:
-        graph.add(iri, LF.lastFrame, LF.unknown if seen.wall_ns is None else timestamp(seen.wall_ns))
+        graph.add(iri, LF.lastFrame, moment(seen.wall_ns))
 
     def _interface(self, graph: Graph, path: str, shape: NamedNode) -> None:
         iri, stem = self.iri(path), path.rstrip("/")

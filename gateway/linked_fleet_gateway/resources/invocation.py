@@ -250,6 +250,7 @@ def invocations_path(action: str) -> str:
 
 
 def invocation_path(invocation: Invocation) -> str:
+    """Return the path of an invocation."""
     return f"{invocations_path(invocation.action)}/{invocation.id}"
 
 
@@ -258,6 +259,7 @@ def cancel_path(invocation: Invocation) -> str:
 
 
 def describe_lease(graph: Graph, base: str, robot: Robot) -> None:
+    """Describe the control lease of a robot."""
     iri, lease = NamedNode(base + lease_path(robot.name)), robot.lease
     graph.a(iri, LF.ControlLease)
     graph.add(iri, DCTERMS.title, Literal(f"Control of {robot.name}"))

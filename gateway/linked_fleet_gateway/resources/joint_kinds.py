@@ -37,4 +37,5 @@ KINDS: dict[JointKind, Kind] = {
 
 
 def kind_of(joint: Joint) -> Kind:
+    """Return the classes, dimension and position property of joints of this kind."""
     return KINDS[joint.kind]

@@ -101,6 +101,12 @@ class Form:
     def by_name(self) -> Mapping[str, Field]:
         return {each.name: each for each in self.fields}
 
+    def with_choice(self, name: str, predicate: NamedNode, terms: Mapping[str, NamedNode], description: str) -> "Form":
+        """Return the form with one more optional member, whose value is one of these terms by their JSON texts."""
+        value = Value({"type": "string", "enum": list(terms)}, terms=terms)
+        member = Field(name, (predicate,), value, max_count=1, description=description)
+        return Form((*self.fields, member), self.branches)
+
     @cached_property
     def schema(self) -> Json:
         schema: Json = {"type": "object", "properties": {each.name: each.schema() for each in self.fields}}
@@ -146,6 +152,7 @@ def form_of_target(offer: Offer, base: str) -> Form:
 
 
 def form_in(triples: Iterable[Triple], shape: Node) -> Form:
+    """Return the JSON form of a shape described by triples."""
     return _Reader(triples).form(shape)
 
 

@@ -1,12 +1,13 @@
 """Paths of the resource tree: the only place where they are built from names and parsed (docs/TREE.md)."""
 
+from collections.abc import Mapping
 from functools import lru_cache
 
 from linked_fleet_agent.wire.keys import escape, unescape
 from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
+from linked_fleet_gateway.fleet.robot import Robot
 
-AUDIT = "/audit"
 _LINK_MARK = "~link"  # no escape, because "~l" is not followed by hexadecimal digits; so it cannot be part of a name
 
 # A robot has over a hundred parts, each named in every description of it, and a fleet names all robots in turn. A cache
@@ -54,15 +55,8 @@ def is_shared(path: str) -> bool:
 
 
 def lease_path(robot: str) -> str:
+    """Return the path of the control lease of a robot."""
     return robot_path(robot) + "lease"
-
-
-def model_path(robot: str) -> str:
-    return robot_path(robot) + "model"
-
-
-def mesh_path(robot: str, file_name: str) -> str:
-    return f"{robot_path(robot)}meshes/{file_name}"
 
 
 def joint_path(robot: str, joint: str) -> str:
@@ -86,6 +80,21 @@ def owner_path(path: str) -> str:
 def is_below(path: str, root: str) -> bool:
     """Return True if ``path`` equals ``root`` or is below it."""
     return path == root or path.startswith(root.rstrip("/") + "/")
+
+
+def thing_at(path: str, robots: Mapping[str, Robot]) -> tuple[Robot, Joint | Link | None] | None:
+    """Return the robot at a path, or the robot and its joint or link at a path; None if neither is there."""
+    head, _, part = path[1:].partition("/")
+    try:
+        robot = robots.get(robot_name(head))
+        if robot is None or (part and robot.model is None):
+            return None
+        if not part or robot.model is None:
+            return (robot, None) if path.endswith("/") else None
+        joint, link = joint_or_link(part, robot.model)
+    except ValueError:
+        return None
+    return robot, robot.model.links[link or ""] if joint is None else robot.model.joints[joint]
 
 
 def joint_or_link(segment: str, model: RobotModel) -> tuple[str | None, str | None]:

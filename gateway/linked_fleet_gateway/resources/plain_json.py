@@ -13,12 +13,12 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
-from linked_fleet_gateway.rdf.json_input import ParseError, load_json
-from linked_fleet_gateway.rdf.parsing import MAX_LENGTH
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, XSD
 from linked_fleet_gateway.resources.json_form import Field, Form, Json, Value, form_of
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_rdf.json_input import ParseError, load_json
+from linked_fleet_rdf.parsing import MAX_LENGTH
 
 _MAX_DEPTH = 16
 _VALUES = 4  # JSON values for each permitted triple

@@ -168,6 +168,15 @@ def link_properties(robot: Robot, link: Link, segment: str | None = None) -> lis
     return _made(makers, segment)
 
 
+def properties_at(base: str, robot: Robot | None, part: Joint | Link | None = None) -> list[Property]:
+    """Return the properties of a robot, or of its joint or link, under a base URL; the fleet (None) has none."""
+    if robot is None or robot.model is None:
+        return []
+    if part is None:
+        return robot_properties(robot, lambda path: NamedNode(base + path))
+    return joint_properties(robot, part) if isinstance(part, Joint) else link_properties(robot, part)
+
+
 def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[Property]:
     found = [
         Property(

@@ -5,22 +5,25 @@ from itertools import chain
 from typing import NamedTuple, Self
 
 from msgspec import Struct
-from pyoxigraph import NamedNode
+from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.model import Link
 from linked_fleet_gateway.fleet.observation import Mark, Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.graph import Graph, Number
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.body_values import Setting
 
 
 class Measurement(NamedTuple):
-    """Measured values (NaN if unknown) and the time of the latest frame that changed one of them."""
+    """Measured values (NaN if unknown) and the time of the latest frame that changed one of them.
 
-    values: tuple[float, ...] = ()
-    wall_ns: int | None = None
+    A template is made of literals in place of known values and times (``resources/description.py``).
+    """
+
+    values: tuple[Number, ...] = ()
+    wall_ns: int | Literal | None = None
     marks: tuple[Mark, ...] = ()
     """The mark of each observation."""
 
@@ -41,8 +44,8 @@ class Property(Struct, frozen=True):
     """One property of a thing; ``describe`` adds its specific statements for given values.
 
     ``sample`` observes measured values. Only it makes a new frame a change, and ``describe`` depends on its values
-    only, so that descriptions differ in numbers only. ``facts`` returns everything else that counts as a change.
-    ``put`` is the setting or the action behind PUT.
+    only, which it passes to ``Graph.scalar``, ``vector``, ``quaternion`` and ``result_time``. ``facts`` returns
+    everything else that counts as a change. ``put`` is the setting or the action behind PUT.
     """
 
     segment: str

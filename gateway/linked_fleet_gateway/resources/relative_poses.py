@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.kinematics import compose, inverse
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.model import Joint, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.joint_kinds import POSE_RESOLUTION
-from linked_fleet_gateway.resources.paths import joint_or_link, robot_name
+from linked_fleet_gateway.resources.paths import thing_at
 
 _DECIMALS = round(-math.log10(POSE_RESOLUTION))
 
@@ -81,16 +81,10 @@ def _between(what: _Place, where: _Place) -> Pose | None:
 def _place(path: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> _Place:
     if path in common:
         return _Place(None, common[path])
-    head, _, part = path[1:].partition("/")
-    try:
-        robot = robots[robot_name(head)]
-        if robot.model is None:
-            raise LookupError(path)
-        link = joint_or_link(part, robot.model)[1] if part else robot.model.root
-    except ValueError as error:
-        raise LookupError(path) from error
-    if link is None:
+    robot, part = thing_at(path, robots) or thing_at(path + "/", robots) or (None, None)
+    if robot is None or robot.model is None or isinstance(part, Joint):
         raise LookupError(path)
+    link = robot.model.root if part is None else part.name
     return _Place(robot, robot.link_pose(link), link)
 
 
@@ -102,4 +96,5 @@ def _rounded(pose: Pose) -> Pose:
 
 
 def round_to_resolution(value: float) -> float:
+    """Round a number of a pose to the resolution of poses."""
     return round(value, _DECIMALS)

@@ -1,65 +1,28 @@
 """Resources: the results of resolving a path in the tree."""
 
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from msgspec import Struct, field
 from msgspec.structs import replace
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_agent.wire.messages import Mesh
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.shapes import describe_blueprint
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.affordance import Affordance, ChangeSubscription, ResumeSubscription, Subscribe
+from linked_fleet_gateway.resources.description import (
+    DescriptionTemplate,
+    InSteps,
+    MeasuredDescription,
+    run_steps,
+)
 from linked_fleet_gateway.resources.paths import owner_path
-from linked_fleet_gateway.resources.property import Measurement, Sampler
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.versioning import Source
 
 _OF_SUBSCRIPTIONS = (Subscribe, ChangeSubscription, ResumeSubscription)
 CONTAINER = (LDP.Resource, LDP.BasicContainer)
-Steps = Callable[[Graph], Iterator[None]]
-
-
-def run_steps(steps: Iterable[None]) -> None:
-    """Execute all steps at once."""
-    deque(steps, maxlen=0)
-
-
-class RemoteMesh(Struct, frozen=True):
-    """A mesh that must be fetched from ``robot``; its metadata are known."""
-
-    robot: Robot
-    mesh: Mesh
-
-
-class DescriptionTemplate(Struct, frozen=True):
-    """A kind of resources whose descriptions differ only in the owner's path and in values: one is rendered for all.
-
-    ``key`` identifies the kind, which a resource shares with others that have values of the same datatypes.
-    ``describe`` describes the resource of the owner at the given path, with the given literals in place of those that
-    ``values`` returns.
-    """
-
-    key: object
-    owner: str
-    describe: Callable[[Graph, str, Sequence[Literal]], None]
-    values: Callable[[], tuple[Literal, ...]] = tuple
-    rows: "Rows | None" = None
-    """Further values, after those; None without."""
-
-
-class Rows(Struct, frozen=True):
-    """The values of statements that are repeated any number of times: datatypes of a row, and the texts of all rows.
-
-    Texts are such that ``is_replaceable`` is true of them.
-    """
-
-    datatypes: tuple[NamedNode, ...]
-    texts: Sequence[str]
 
 
 class TypedLink(Struct, frozen=True):
@@ -72,6 +35,8 @@ class TypedLink(Struct, frozen=True):
 
 class Resource(Struct, frozen=True):
     """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
+
+    ``describe`` is a function, ``InSteps`` if that takes long, or a template (``resources/description.py``).
 
     ``remote`` is an object that must be fetched at each GET or depends on the request; ``http/endpoint.py`` selects the
     reader by its type. ``affords`` has its methods other than reading. ``immutable`` says that the content at this path
@@ -88,10 +53,6 @@ class Resource(Struct, frozen=True):
     typed_links: tuple[TypedLink, ...] = ()
     affords: Affordance | None = None
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
-    steps: Steps | None = None
-    """``describe`` in steps of a millisecond at most, if the whole takes longer."""
-    is_static: bool = False
-    """True if its description never changes while the gateway runs."""
     constant_media_types: frozenset[str] = frozenset()
     """Media types of ``documents`` without measured values, which are in no message."""
     remote: object | None = None
@@ -104,40 +65,12 @@ class Resource(Struct, frozen=True):
     immutable: bool = False
     coded_contents: Mapping[str, bytes] = field(default_factory=dict)
     """Its only document in content codings, the preferred one first."""
-    describe_measured: Callable[[Graph, Sequence[Measurement]], None] | None = None
-    """``describe`` with given values instead of the present ones, one for each of ``samplers``; None if none is
-    measured.
-    """
-    template: DescriptionTemplate | None = None
-    """The kind of resources whose descriptions differ only in their path and in values."""
-    samplers: tuple[Sampler, ...] = ()
-    """Observations of the measured values that it shows, in the order of its properties."""
-    silent_samplers: tuple[Sampler, ...] = ()
-    """Further ones, after those, whose change is no news."""
-    query: str = ""
-    """The query of the request, if it makes a difference."""
     publishes_changes: bool = True
     """True if its changes can be followed."""
     values_only_in_documents: bool = False
     """True if measured values appear only in ``documents`` and do not change the description."""
     has_form: bool = False
     """True if its page submits a form without a script."""
-    reader: str = ""
-    """Name of the person who is logged in and reads it as a page."""
-    rights: tuple[str, ...] | None = None
-    """The reader's rights on its subject; None if authentication is off."""
-    may_read_audit: bool = False
-    """True if the reader may read the audit log."""
-    links_subscriptions: bool = True
-    """True if its page links its Subscriptions container, which not every reader of the page may read."""
-    warning: str = ""
-    """A sentence about the gateway that its page shows."""
-
-    def with_reader_of(self, other: "Resource") -> "Resource":
-        """Return this resource with the reader of ``other``."""
-        return self.replace(
-            reader=other.reader, rights=other.rights, may_read_audit=other.may_read_audit, warning=other.warning
-        )
 
     def replace(self, **fields: Any) -> "Resource":
         """Return a copy with these fields."""
@@ -151,16 +84,35 @@ class Resource(Struct, frozen=True):
 
     def describe_in_steps(self, graph: Graph, base: str) -> Iterator[None]:
         """Add all triples of an RDF representation, one step of the description after the other."""
-        if self.steps is not None:
-            yield from self.steps(graph)
+        yield from self.own_steps(graph)
+        self.add_interaction_model(graph, base)
+
+    def own_steps(self, graph: Graph) -> Iterator[None]:
+        """Add the triples of its description, in steps."""
+        if isinstance(self.describe, InSteps):
+            yield from self.describe.steps(graph)
         elif self.describe is not None:
             self.describe(graph)
-        self.add_interaction_model(graph, base)
 
     def add_interaction_model(self, graph: Graph, base: str, path: str = "") -> None:
         """Add the type ldp:RDFSource, which clients need not infer (R1.7). Containers state their own types."""
         if LDP.RDFSource in self.interaction_model:
             graph.a(NamedNode(base + (path or self.path)), LDP.RDFSource)
+
+    @property
+    def template(self) -> DescriptionTemplate | None:
+        """The template of its kind; None if it has none."""
+        return self.describe if isinstance(self.describe, DescriptionTemplate) else None
+
+    @property
+    def is_long(self) -> bool:
+        """True if its description takes more than a few milliseconds."""
+        return isinstance(self.describe, InSteps)
+
+    @property
+    def shows_values(self) -> bool:
+        """True if its description has measured values."""
+        return isinstance(self.describe, MeasuredDescription)
 
     @property
     def linkset_path(self) -> str:
@@ -199,9 +151,8 @@ def blueprint_at(owned_by: str, base: str, shapes: tuple[NamedNode, ...], source
     return Resource(
         owned_by.rstrip("/") + "/blueprint",
         f"Blueprint of {owned_by}",
-        lambda graph: describe(graph, owned_by),
+        DescriptionTemplate(shapes, owned_by, describe),
         source=source,
-        template=DescriptionTemplate(shapes, owned_by, describe),
     )
 
 

@@ -13,10 +13,11 @@ from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import PutSetting, PutTarget
 from linked_fleet_gateway.resources.annotations import annotate
 from linked_fleet_gateway.resources.body_values import Setting, robot_settings
+from linked_fleet_gateway.resources.description import DescriptionTemplate
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.joint_limits import limits_of
 from linked_fleet_gateway.resources.property import Measurement, Property
-from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource
+from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.shape_parameters import ShapeScope, shape_completer
 
 ABSOLUTE = (LF.Rotate, LF.Translate)
@@ -118,13 +119,12 @@ def target_blueprint(blueprint: Resource, offer: Offer, base: str) -> Resource:
     def positions() -> tuple[Literal, ...]:
         return tuple(limits_of(joint, (LF.jointPosition,)).numbers[LF.jointPosition])
 
-    def describe(graph: Graph, owner: str, ends: Sequence[Literal] | None) -> None:
+    def describe(graph: Graph, owner: str, ends: Sequence[Literal]) -> None:
         kind.describe(graph, owner, ())
         describe_target_input(graph, NamedNode(f"{base}{owner}/blueprint#input"), offer, base, ends)
 
     return blueprint.replace(
-        describe=lambda graph: describe(graph, kind.owner, None),
-        template=DescriptionTemplate((kind.key, joint.kind), kind.owner, describe, positions),
+        describe=DescriptionTemplate((kind.key, joint.kind), kind.owner, describe, positions),
     )
 
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from linked_fleet_gateway.identity.rights import ALL, EVERY, View, view
+from linked_fleet_gateway.identity.rights import ALL, EVERY, View
 
 
 class Kind(StrEnum):
@@ -109,7 +109,7 @@ class Subscription:
 
     @property
     def view(self) -> View:
-        return ALL if EVERY in self.sees else view(frozenset(self.sees), self.creator)
+        return ALL if EVERY in self.sees else View.of(frozenset(self.sees), self.creator)
 
 
 @dataclass(frozen=True)

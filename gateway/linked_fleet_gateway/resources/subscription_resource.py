@@ -21,9 +21,8 @@ from linked_fleet_gateway.rdf.validation import (
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF, RDFS, XSD
 from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
-from linked_fleet_gateway.resources.signature import decode_secret
 from linked_fleet_gateway.resources.subscription import DeliveryState, Depth, Kind, Record, Subscription
-from linked_fleet_gateway.shacl import (
+from linked_fleet_shacl import (
     CompiledGraph,
     CompiledShape,
     Data,
@@ -32,6 +31,7 @@ from linked_fleet_gateway.shacl import (
     compile_shape,
     report,
 )
+from linked_fleet_webhooks.signature import decode_secret
 
 _TYPES = {
     Kind.CALLBACK: (HYBRIT.WebCallback,),

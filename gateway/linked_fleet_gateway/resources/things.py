@@ -16,16 +16,17 @@ from linked_fleet_gateway.resources.annotations import battery_charge
 from linked_fleet_gateway.resources.binary_frames import frame_writers, has_frames, layout_path, related_layouts
 from linked_fleet_gateway.resources.branches import Branches, RequestView
 from linked_fleet_gateway.resources.describe import Describer, RobotActivity, last_frame, part_paths
+from linked_fleet_gateway.resources.description import InSteps, MeasuredDescription, run_steps
 from linked_fleet_gateway.resources.invocation import describe_lease, invocation_path
-from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, model_path, robot_path
+from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
 from linked_fleet_gateway.resources.property import Measurement, Property, Sampler
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of, run_steps
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.settable import put_affordance
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.subscription_resource import resolve_subscription
-from linked_fleet_gateway.resources.versioning import Source, presence_facts
+from linked_fleet_gateway.resources.versioning import Source
 
 MAX_AT_ONCE = 16
 """Robots that are described in one step, and whose list may be kept while what it shows is the same."""
@@ -47,7 +48,7 @@ class Things:
         return Resource(
             "/",
             "Linked Fleet",
-            lambda graph: run_steps(self._describe_fleet(graph)),
+            InSteps(self._describe_fleet) if len(robots) > MAX_AT_ONCE else self._describe_small_fleet,
             CONTAINER,
             # The last-seen time of a robot differs between gateways.
             Source(
@@ -60,7 +61,6 @@ class Things:
                 *(path for _, path in self._branches.fleet_links()),
             ),
             part_paths=robots,
-            steps=self._describe_fleet if len(robots) > MAX_AT_ONCE else None,
             typed_links=self._branches.typed_links(),
             documents=self._branches.thing_documents(self._view),
             constant_media_types=self._branches.constant_media_types,
@@ -71,13 +71,16 @@ class Things:
         faults = self._view.faults
         return self._members(), faults.of_parts, [faults.find("the fleet", name) for name in self._view.robots]
 
+    def _describe_small_fleet(self, graph: Graph) -> None:
+        run_steps(self._describe_fleet(graph))
+
     def _describe_fleet(self, graph: Graph) -> Iterator[None]:
         links = self._branches.fleet_links()
         return self.describer.fleet(self._view.robots, links, graph, self._activity, self._view.faults)
 
     def _members(self) -> list[tuple[str, str, str, RobotActivity, tuple[str, int | None, str | None]]]:
         return [
-            (name, robot.title, robot.model.name if robot.model else "", self._activity(robot), presence_facts(robot))
+            (name, robot.title, robot.model.name if robot.model else "", self._activity(robot), robot.presence_facts)
             for name, robot in self._view.robots.items()
         ]
 
@@ -92,18 +95,16 @@ class Things:
         path = robot_path(robot.name)
         properties = self.describer.robot_properties(robot) if robot.model else []
         actions = (*(each.path for each in robot_offers(robot)), lease_path(robot.name))
-        actions += (model_path(robot.name),) if robot.model else ()
         branches = self._branches.robot_links(robot, path)
         actions += tuple(found for _, found in branches)
         return Resource(
             path,
             robot.name,
-            lambda graph: self.describer.robot(robot, self._tasks(robot), branches, graph),
-            describe_measured=lambda graph, measurements: self.describer.robot(
-                robot, self._tasks(robot), branches, graph, measurements
+            MeasuredDescription(
+                lambda graph, seen: self.describer.robot(robot, self._tasks(robot), branches, graph, seen),
+                _samplers(properties),
+                silent=(lambda: last_frame(robot),),
             ),
-            samplers=_samplers(properties),
-            silent_samplers=(lambda: last_frame(robot),),
             source=_thing(robot, properties, lambda: self._changing(robot, path)),
             own_paths=_own(path, properties, actions),
             part_paths=tuple(part_paths(robot)),
@@ -128,9 +129,9 @@ class Things:
         return Resource(
             path,
             joint.name,
-            lambda graph: self.describer.joint(robot, joint, graph),
-            describe_measured=lambda graph, measurements: self.describer.joint(robot, joint, graph, measurements),
-            samplers=_samplers(properties),
+            MeasuredDescription(
+                lambda graph, seen: self.describer.joint(robot, joint, graph, seen), _samplers(properties)
+            ),
             source=_thing(robot, properties),
             own_paths=_own(path, properties, actions),
             documents=self._branches.thing_documents(self._view, robot, joint),
@@ -145,9 +146,9 @@ class Things:
         return Resource(
             path,
             link.name,
-            lambda graph: self.describer.link(robot, link, graph),
-            describe_measured=lambda graph, measurements: self.describer.link(robot, link, graph, measurements),
-            samplers=_samplers(properties),
+            MeasuredDescription(
+                lambda graph, seen: self.describer.link(robot, link, graph, seen), _samplers(properties)
+            ),
             source=_thing(robot, properties),
             own_paths=_own(path, properties),
             documents=self._branches.thing_documents(self._view, robot, link),
@@ -159,17 +160,18 @@ class Things:
         """Return a property of the thing at the path ``owner``."""
         path = f"{owner.rstrip('/')}/{item.segment}"
         # A new description is no change of a value unless its model differs, which holds the constants.
-        source = Source(lambda: (presence_facts(robot), robot.model, item.facts(), robot.settings), item.sample, robot)
+        source = Source(lambda: (robot.presence_facts, robot.model, item.facts(), robot.settings), item.sample, robot)
 
         def measured(graph: Graph, measurements: Sequence[Measurement]) -> None:
             self.describer.property(robot, owner, item, graph, measurements[0])
 
+        def constant(graph: Graph) -> None:
+            self.describer.property(robot, owner, item, graph, Measurement())
+
         resource = Resource(
             path,
             item.title,
-            lambda graph: measured(graph, [Measurement.from_observations(item.sample())]),
-            describe_measured=measured if item.is_measured else None,
-            samplers=(item.sample,) if item.is_measured else (),
+            MeasuredDescription(measured, (item.sample,)) if item.is_measured else constant,
             source=source,
             own_paths=(path + "/blueprint", *related_layouts(path, item), *self._branches.property_paths(path, item)),
             documents=frame_writers(robot, item),
@@ -208,7 +210,7 @@ def _thing(robot: Robot, properties: Sequence[Property], also: Callable[[], obje
     sampler = (lambda: tuple(chain.from_iterable(sampler() for sampler in samplers))) if samplers else tuple
     facts = [each.facts for each in properties if each.facts is not tuple]
     return Source(
-        lambda: (presence_facts(robot), robot.description, robot.settings, also(), [fact() for fact in facts]),
+        lambda: (robot.presence_facts, robot.description, robot.settings, also(), [fact() for fact in facts]),
         sampler,
         robot,
     )

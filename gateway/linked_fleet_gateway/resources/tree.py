@@ -17,7 +17,7 @@ from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joi
 from linked_fleet_gateway.resources.action_tree import invocation_of, resolve_action
 from linked_fleet_gateway.resources.binary_frames import resolve_layout
 from linked_fleet_gateway.resources.branches import NO_BRANCHES, Branches, Found, RequestView
-from linked_fleet_gateway.resources.documents import context_resource, resolve_geometry, vocabulary_resource
+from linked_fleet_gateway.resources.documents import context_resource, vocabulary_resource
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import (
     is_below,
@@ -59,10 +59,10 @@ class Tree:
         self._invocations = InvocationsInView(invocations, visible_robots)
         self._base = base
         self._branches = branches
-        self._view = RequestView(
+        self.view = RequestView(
             base, self._robots, self._invocations, visible_robots, requires_authentication, faults or Faults()
         )
-        self._things = Things(self._view, branches, subscriptions)
+        self._things = Things(self.view, branches, subscriptions)
 
     def resolve(self, path: str) -> Found:
         """Return the resource at ``path`` (percent-decoded, with leading slash), a redirect to its canonical path, or
@@ -83,7 +83,7 @@ class Tree:
         if head == "subscriptions":
             return self._things.owned_resource(self._things.fleet(), [head, *rest], ())
         if (branch := self._branches.fleet_branch(head)) is not None:
-            return branch.resolve(self._view, rest)
+            return branch.resolve(self.view, rest)
         if head == "actions" and rest:
             return resolve_action(fleet_offers(rest[0]), rest, self._invocations, Source(), self._base)
         try:
@@ -116,9 +116,8 @@ class Tree:
                 thing = self._things.robot(robot)
                 return thing if rest == [""] else self._things.owned_resource(thing, rest, (LF.RobotShape,))
             if (branch := self._branches.robot_branch(robot, rest[0])) is not None:
-                return branch.resolve(self._view, robot, rest[1:])
-            own = self._of_robot(robot, rest) or resolve_geometry(robot, rest, self._base)
-            return own or self._property(
+                return branch.resolve(self.view, robot, rest[1:])
+            return self._of_robot(robot, rest) or self._property(
                 robot, robot_path(robot.name), self._things.describer.robot_properties(robot), rest
             )
         if robot.model is None:
@@ -180,7 +179,7 @@ class Tree:
         if rest[1:] not in ([], ["blueprint"]):
             branch = self._branches.property_branch(item, rest[1])
             if branch is not None:
-                return branch.resolve(self._view, robot, owner, item, rest[2:])
+                return branch.resolve(self.view, robot, owner, item, rest[2:])
             return resolve_layout(self._things.describer, robot, owner, item, rest[1:])
         if not rest[1:]:
             return self._things.property(robot, owner, item)

@@ -47,7 +47,10 @@ class Source(Struct, frozen=True):
     shared_facts: Callable[[], Any] | None = None
     """The facts that are equal on all gateways, if that is not true of ``facts``."""
     shown: Callable[[], Any] | None = None
-    """All that its description depends on, if it belongs to no robot and that is read quickly."""
+    """All that its description depends on, if it belongs to no robot and that is read quickly.
+
+    ``tuple`` says that it never changes.
+    """
     is_final: Callable[[], bool] = bool
     """Returns True if the resource will never change again."""
 
@@ -71,11 +74,6 @@ class Source(Struct, frozen=True):
     def is_measured(self) -> bool:
         """True if frames can change it."""
         return self.sample is not tuple
-
-
-def presence_facts(robot: Robot) -> tuple[str, int | None, str | None]:
-    """Return the presence facts that descriptions of a robot contain."""
-    return robot.presence, None if robot.online else robot.last_seen_ns, robot.fault
 
 
 def version_of(robot: Robot, observations: tuple[Observation, ...]) -> tuple[int, int, int]:

@@ -1,11 +1,10 @@
 """Runtime: everything that needs asyncio, Redis or a child process. Pure packages do not import it.
 
 ``redis``: the connection to Redis or Valkey, one server or a cluster; the only module that imports redis;
-``redis_exchange`` sends commands to one server. ``embedded_redis``: the server that a gateway starts if none is
-configured; ``damaged_data`` keeps data that it cannot load. ``background``: supervised loops, reliable end of tasks,
-long work in slices. ``worker``: child processes. ``replica``: state shared through Redis, and this gateway's copy.
-``audit_log``: audit records, in the log and in Redis. ``log``, ``tracing``: the current request, log formats, spans.
-``metrics``: counters, and their Prometheus form.
+``redis_exchange`` sends commands to one server; ``store_marker`` notices that it has lost its data. ``background``:
+supervised loops, reliable end of tasks, long work in slices. ``worker``: child processes. ``replica``: state shared
+through Redis, and this gateway's copy. ``log``, ``tracing``: the current request, log formats, spans. ``metrics``:
+counters, and their Prometheus form.
 
 Leases are not one class. All three expire as a key in Redis, but who compares and who is told differ. The lease of a
 robot (``actions.redis_scripts``) belongs to a client with a secret token, and is checked in the script that opens an

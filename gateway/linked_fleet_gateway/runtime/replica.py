@@ -48,6 +48,15 @@ class Replica(Generic[_T]):
             self._take(id, value)
             (self._ids.discard if value is None else self._ids.add)(id)
 
+    async def follow(
+        self, what: str, log: Logger, news: Callable[[], AsyncGenerator[str | None, None]]
+    ) -> asyncio.Task[None]:
+        """Load everything, tolerating an outage, and start the task that keeps the copy up to date.
+
+        ``news`` yields ids of changed values, and None after an outage.
+        """
+        return await follow_changes(what, log, self.load, self.refresh, news)
+
     async def write(self, id: str, step: Awaitable[_Done]) -> _Done:
         """Await a step that writes a value conditionally, then read the value."""
         done = await step

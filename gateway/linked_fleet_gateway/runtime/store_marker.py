@@ -10,11 +10,15 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.runtime.damaged_data import LOST_DATA
 from linked_fleet_gateway.runtime.redis import Connection
 
 log = logging.getLogger(__name__)
 
+LOST_DATA = (
+    "subscriptions and messages that were not delivered, invocations, idempotency keys, control leases, settings and "
+    "annotations of robots, objects of the world, rules, sessions and the audit"
+)
+"""All data that gateways keep in Redis, as text."""
 CHECK_S = 5.0
 """Seconds between two looks at the mark."""
 LOSS = (
@@ -25,14 +29,14 @@ LOSS = (
 
 
 class StoreMarker:
-    """Looks at the mark; an async context manager. ``loss``: a sentence about lost data, empty without any."""
+    """Looks at the mark; an async context manager. ``warning``: a sentence about lost data, empty without any."""
 
     def __init__(self, url: str, namespace: str, check_s: float = CHECK_S) -> None:
         self._key, self._check_s = f"{namespace}:mark", check_s
-        self._redis = Connection(url, f"{namespace}:audit")
+        self._redis = Connection(url, self._key)
         self._seen: bytes | None = None
         self._tasks: list[asyncio.Task[None]] = []
-        self.loss = ""
+        self.warning = ""
 
     async def __aenter__(self) -> Self:
         failed = "it is not known whether Redis keeps its data"
@@ -51,6 +55,6 @@ class StoreMarker:
             await self._redis.execute("SET", self._key, secrets.token_hex(16), "NX")
             found = await self._redis.execute("GET", self._key)
         if self._seen is not None and found != self._seen:
-            self.loss = LOSS
+            self.warning = LOSS
             log.error("%s", LOSS)
         self._seen = found

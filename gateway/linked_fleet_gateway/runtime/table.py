@@ -17,7 +17,7 @@ from linked_fleet_gateway.base.errors import ContainerFull
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.runtime.redis import Connection
-from linked_fleet_gateway.runtime.replica import Replica, follow_changes
+from linked_fleet_gateway.runtime.replica import Replica
 
 log = logging.getLogger(__name__)
 
@@ -139,7 +139,7 @@ class Table(Generic[T]):
 
     async def __aenter__(self) -> Self:
         replica, news = self._replica, self._stored.news
-        self._tasks = [await follow_changes(f"the {self._noun}", log, replica.load, replica.refresh, news)]
+        self._tasks = [await replica.follow(f"the {self._noun}", log, news)]
         return self
 
     async def __aexit__(

@@ -6,10 +6,7 @@ import sys
 from asyncio.subprocess import Process
 from collections.abc import Awaitable, Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from typing import Any
-
-IDLE_S = 300.0
-"""Seconds without use after which a process ends. Each takes more memory than the gateway, or nearly as much."""
+from typing import Any, ClassVar
 
 # Other environment variables are withheld from worker processes.
 _INHERITED = ("PATH", "PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "VIRTUAL_ENV")
@@ -22,6 +19,9 @@ class Worker:
     ``idle_s`` seconds outside of ``in_use`` it ends: ``on_idle`` is awaited, which calls ``end`` before its first
     await, so that no use can begin in between.
     """
+
+    IDLE_S: ClassVar[float] = 300.0
+    """Seconds without use after which a process ends. Each takes more memory than the gateway, or nearly as much."""
 
     def __init__(
         self,

@@ -11,11 +11,11 @@ from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 from linked_fleet_gateway.runtime.metrics import DeliveryMetrics
 from linked_fleet_gateway.subscriptions.courier import Courier
-from linked_fleet_gateway.subscriptions.delivery_pace import ConsentThrottle
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.network import Network, UnresolvableHost
-from linked_fleet_gateway.subscriptions.receiver import Receiver
 from linked_fleet_gateway.subscriptions.store import SubscriptionStore
+from linked_fleet_webhooks.delivery_pace import ConsentThrottle
+from linked_fleet_webhooks.network import Network, UnresolvableHost
+from linked_fleet_webhooks.receiver import Receiver
 
 EntitlementCheck = Callable[[str, str | None, View], bool]
 UNENTITLED = "the rights of its creator ended"

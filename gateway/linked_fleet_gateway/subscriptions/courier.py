@@ -15,17 +15,13 @@ from typing import TypeVar
 from urllib.parse import urlsplit
 
 from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.resources import signature
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
 from linked_fleet_gateway.resources.subscription import DeliveryState, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import subscription_path
 from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.runtime.metrics import DeliveryMetrics
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
-from linked_fleet_gateway.subscriptions.delivery_pace import SUSPEND_AFTER, backoff_s
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.network import ForbiddenHost, UnresolvableHost
-from linked_fleet_gateway.subscriptions.receiver import DeliveryOutcome, NoConsent, Receiver, Verdict
 from linked_fleet_gateway.subscriptions.store import (
     Backlog,
     OutgoingMessage,
@@ -34,6 +30,10 @@ from linked_fleet_gateway.subscriptions.store import (
     SubscriptionStore,
 )
 from linked_fleet_gateway.subscriptions.watcher import Watcher
+from linked_fleet_webhooks import signature
+from linked_fleet_webhooks.delivery_pace import SUSPEND_AFTER, backoff_s
+from linked_fleet_webhooks.network import ForbiddenHost, UnresolvableHost
+from linked_fleet_webhooks.receiver import DeliveryOutcome, NoConsent, Receiver, Verdict
 
 log = logging.getLogger(__name__)
 _T = TypeVar("_T")

@@ -18,7 +18,6 @@ from linked_fleet_gateway.fleet.presence import Run, SilentRuns
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import FleetLink
-from linked_fleet_gateway.link.meshes import Meshes
 from linked_fleet_gateway.link.transport import Session
 from linked_fleet_gateway.resources.branches import Branch, Branches
 from linked_fleet_gateway.resources.invocation import invocation_path, invocations_path
@@ -72,7 +71,6 @@ class Live:
             lambda robot, progress: self.on_progress(robot, progress),
             self.fleet.frames,
         )
-        self.meshes = Meshes(self.link.mesh)
 
     @property
     def accepted_frames(self) -> int:
@@ -150,7 +148,6 @@ class Live:
         self._sweeping.cancel()
         self._unchecked.clear()
         self.fleet.frames.reader.close()
-        self.meshes.close()
         await self.link.__aexit__(kind, error, trace)
 
     def tree(self, base: str, view: View = ALL, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Tree:
@@ -171,7 +168,7 @@ class Live:
 
         It is given the robot's name for a frame, even if no value changed, and None for anything else.
         """
-        name = _name_of(listener)
+        name = name_of(listener)
         self.fan_out.listeners[listener] = lambda error: self.faults.note("listeners", error, thing=name)
         self.fleet.frames.has_listeners = True
 
@@ -186,7 +183,7 @@ class Live:
         It is always given the same object, whose fields change. Invocations of other gateways are included, and at the
         start those that Redis has kept, most of which ended long ago.
         """
-        self._invocation_listeners[listener] = _name_of(listener)
+        self._invocation_listeners[listener] = name_of(listener)
 
     def remove_invocation_listener(self, listener: Callable[[Invocation], None]) -> None:
         """Remove a listener; does nothing if it is not registered."""
@@ -296,5 +293,6 @@ class Live:
         return changed
 
 
-def _name_of(listener: Callable[..., object]) -> str:
+def name_of(listener: Callable[..., object]) -> str:
+    """Return the name of a listener in faults."""
     return f"{getattr(listener, '__module__', '')}.{getattr(listener, '__qualname__', type(listener).__name__)}"

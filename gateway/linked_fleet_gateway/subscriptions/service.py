@@ -13,9 +13,9 @@ from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step,
 from linked_fleet_gateway.subscriptions.broadcast import Ending
 from linked_fleet_gateway.subscriptions.callbacks import Callbacks, EntitlementCheck
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.network import Network
 from linked_fleet_gateway.subscriptions.store import LEASE_S, News, SubscriptionStore
 from linked_fleet_gateway.subscriptions.streams import Streams
+from linked_fleet_webhooks.network import Network
 
 log = logging.getLogger(__name__)
 

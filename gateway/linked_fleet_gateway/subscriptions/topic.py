@@ -3,8 +3,9 @@
 from typing import Generic, Protocol
 
 from linked_fleet_gateway.identity.rights import ALL, View
-from linked_fleet_gateway.resources.renderings import Rendering, Versions, is_compilable, message_body
+from linked_fleet_gateway.resources.message_body import message_body
 from linked_fleet_gateway.resources.resource import Redirect, Resource
+from linked_fleet_gateway.resources.templates import Rendering, Versions, is_measured
 from linked_fleet_gateway.resources.versioning import Reading
 from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Framing, M, Message
 from linked_fleet_gateway.subscriptions.event_id import event_id, event_tag
@@ -108,7 +109,7 @@ class Topic(Generic[M]):
         rendering = self._renderings.get((media_type, base))
         if rendering is None:
             resource = self._under(base)
-            if not (self.with_values and is_compilable(resource, media_type)):
+            if not (self.with_values and is_measured(resource, media_type)):
                 return message_body(resource, media_type, base, versions)
             rendering = self._renderings[media_type, base] = Rendering(resource, media_type, base)
         return rendering.render_observations(self.reading.observations, versions)

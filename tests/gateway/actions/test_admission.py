@@ -11,7 +11,7 @@ from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.validation import ShaclValidator
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, SH, VOM
 from linked_fleet_gateway.resources.body_values import input_ntriples
-from linked_fleet_gateway.shacl import Data, compile_shape
+from linked_fleet_shacl import Data, compile_shape
 from shacl_findings import pyshacl_finds
 
 _RANGE = '<limit lower="{}" upper="{}" velocity="1" effort="1"/>'

@@ -112,7 +112,7 @@ def test_a_built_in_extension_whose_package_is_not_installed_is_off(monkeypatch:
 @pytest.mark.parametrize(
     ("flags", "said"),
     [
-        (("--extensions-off", "world,sun"), "LINKED_FLEET_EXTENSIONS_OFF is of cameras, .*, world, not sun$"),
+        (("--extensions-off", "world,sun"), "LINKED_FLEET_EXTENSIONS_OFF is of audit, .*, world, not sun$"),
         (
             ("--extensions-off", "query"),
             "LINKED_FLEET_EXTENSIONS_OFF names query, which rules needs: switch rules off as",

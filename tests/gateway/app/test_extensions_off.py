@@ -21,7 +21,7 @@ pytestmark = pytest.mark.virtual
 NAMES = [each.name for each in BUILT_IN]
 PATHS = {
     "world": "world", "rules": "rules", "query": "query", "things": ".well-known/wot", "history": "odd/history",
-    "sessions": "login",
+    "audit": "audit", "sessions": "login",
 }  # fmt: skip
 """A path of each extension that has one independent of robots."""
 

@@ -145,7 +145,7 @@ def test_motions_are_refused_while_their_guard_is_missing(tmp_path: Path) -> Non
         assert browser.http.post(browser.root + "actions/stopAll").status_code == 204
 
 
-@pytest.mark.parametrize("hook", ["listening_to_invocations", "listening"])
+@pytest.mark.parametrize("hook", ["listening_to_invocations", "listening_to_stops", "listening"])
 def test_a_listener_that_raises_prevents_no_motion_and_no_stop(tmp_path: Path, hook: str) -> None:
     rest = (
         START

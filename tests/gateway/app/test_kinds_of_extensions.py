@@ -6,8 +6,9 @@ from pathlib import Path
 
 import httpx
 import pytest
+from rdflib import Literal
 
-from browser import LF, Browser
+from browser import DCTERMS, LF, Browser
 from foreign_extension import installed
 from running import eventually, process
 from small_fleet import Place, live
@@ -35,6 +36,7 @@ KINDS = _PREFIXES + "".join(
         ("Hang", "hang", "lf:Robot", ""),
         ("Late", "late", "lf:Fleet", ""),
         ("Lock", "lockAll", "lf:Fleet", "lf:isStop true ;"),
+        ("Relay", "relay", "lf:Fleet", ""),
     )
 )
 CODE = """
@@ -42,9 +44,11 @@ CODE = """
     from contextlib import asynccontextmanager
     from pathlib import Path
     from linked_fleet_gateway.api import *
+    from linked_fleet_gateway.faces import offers_at
+    from linked_fleet_gateway.serving import Caller
     from linked_fleet_gateway.extensions.pages.api import PageView, Part
 
-    MY = Namespace("https://example.org/my#", "Count Fail Hang Late Lock Note Notes NoteInput counted")
+    MY = Namespace("https://example.org/my#", "Count Fail Hang Late Lock Relay Note Notes NoteInput counted")
 
     async def count(call):
         call.accept()
@@ -67,6 +71,15 @@ CODE = """
     async def lock(call):
         call.accept()
 
+    def relay(core):
+        async def run(call):
+            (count,) = [each for each in offers_at(None) if each.definition.segment == "count"]
+            counting = await core.invoke(count, "http://localhost", Caller("a butler"))
+            if not await core.wait_until(counting, lambda one: one.state.terminal, 10.0):
+                raise RuntimeError("it did not end")
+            call.accept()
+        return run
+
     class Added(Extension):
         name = "added"
         at_root = ("~notes",)
@@ -78,7 +91,7 @@ CODE = """
 
         @asynccontextmanager
         async def start(self, core):
-            runs = {MY.Count: count, MY.Fail: fail, MY.Hang: hang, MY.Late: late, MY.Lock: lock}
+            runs = {MY.Count: count, MY.Fail: fail, MY.Hang: hang, MY.Late: late, MY.Lock: lock, MY.Relay: relay(core)}
             async with core.open_container("notes", str, lambda table: Container(
                 segment="~notes", title="Notes", type=MY.Notes, member_type=MY.Note, records=table,
                 shape=MY.NoteInput, read=lambda body: body.text(body.root, DCTERMS.title),
@@ -120,6 +133,14 @@ def test_an_output_is_part_of_the_invocation(browser: Browser) -> None:
     output = page.one(LF.output)
     assert str(page.graph.value(output, None) or page.graph.objects(output)) and "counted" in answer.text
     assert page.one(LF.state) == LF.succeeded
+
+
+def test_an_extension_invokes_an_action_for_a_client(browser: Browser) -> None:
+    assert post(browser, "actions/relay", prefer="wait=10").status_code == 204
+    counted = browser.page(f"{browser.root}actions/count/invocations").graph
+    assert set(counted.objects(None, LF.state)) == {LF.succeeded}
+    (invocation,) = counted.subjects(LF.state)
+    assert browser.page(str(invocation)).graph.value(None, DCTERMS.title, Literal("a butler")) is not None
 
 
 def test_an_operation_that_raises_ends_its_invocation_and_answers(browser: Browser) -> None:

@@ -14,7 +14,7 @@ from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.base.contributions import using
 from linked_fleet_gateway.http.extension import Extension
 from linked_fleet_gateway.rdf import shapes
-from linked_fleet_gateway.shacl import Unsupported
+from linked_fleet_shacl import Unsupported
 
 _SHAPES = Path(__file__).parents[3] / "shapes" / "linked_fleet_shapes"
 Change = Callable[[str, str, str], None]

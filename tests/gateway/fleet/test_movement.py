@@ -20,11 +20,8 @@ def told(mirrored: MirroredFleet) -> list[str]:
     """Return which of moving and lastMoved the fleet states of the robot."""
     resource, graph = Tree(mirrored.fleet, Invocations(), "http://example.org").resolve("/"), Graph()
     assert isinstance(resource, Resource)
-    if resource.describe is not None:
-        resource.describe(graph)
-    else:
-        for _ in resource.steps(graph):  # type: ignore[misc]
-            pass
+    assert resource.describe is not None
+    resource.describe(graph)
     names = {LF.moving: "moving", LF.lastMoved: "lastMoved"}
     return sorted(names[triple.predicate] for triple in graph.triples if triple.predicate in names)
 

@@ -55,7 +55,7 @@ def stage() -> Stage:
 
 def test_constant_documents_stay_valid(stage: Stage) -> None:
     """A document that never changes belongs to no robot."""
-    lasting = Resource("/vocabulary", "Vocabulary", None, is_static=True)
+    lasting = Resource("/vocabulary", "Vocabulary", None, source=Source(shown=tuple))
     stage.answers.store(scope(b"/vocabulary"), CachedResponse(lasting, None, Document(b"terms"), _FIELDS, ()))
     stage.robot.count_change()
     assert stage.content(path=b"/vocabulary") == b"terms"
@@ -133,7 +133,7 @@ def test_there_are_never_too_many_nor_too_much(stage: Stage) -> None:
 
 def test_a_document_of_a_template_is_kept_as_values_and_compressed_on_demand(stage: Stage) -> None:
     template = Template(["x" * 2000, "y" * 2000], (0,))
-    lasting = Resource("/a", "a", None, is_static=True)
+    lasting = Resource("/a", "a", None, source=Source(shown=tuple))
     written = Document(template.fill(["one"]), template, ["one"])
     answer = CachedResponse(lasting, None, written, _FIELDS, ())
     assert answer.size == len("one")
@@ -149,7 +149,7 @@ def test_a_document_ends_with_its_template(stage: Stage) -> None:
     for in_gzip in (False, True):
         template = Template(["x" * 2000, "y" * 2000], (0,))
         content = template.fill(["one"])
-        lasting = Resource("/a", "a", None, is_static=True)
+        lasting = Resource("/a", "a", None, source=Source(shown=tuple))
         answer = CachedResponse(lasting, None, Document(content, template, ["one"]), _FIELDS, ())
         stage.answers.store(scope(), answer)
         assert stage.content(accept_encoding="gzip" if in_gzip else "") is not None

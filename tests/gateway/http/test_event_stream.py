@@ -13,9 +13,9 @@ from starlette.types import Receive, Scope, Send
 
 from event_source import EventSource
 from linked_fleet_gateway.http.event_stream import chunk_bytes, event_bytes, serve_event_stream
-from linked_fleet_gateway.server.connection_limits import HIGH_WATER_BYTES
-from linked_fleet_gateway.server.protocol import HTTP, HttpProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
+from linked_fleet_server.connection_limits import HIGH_WATER_BYTES
+from linked_fleet_server.protocol import HTTP, HttpProtocol
 from serving import Channel, connect, fill, serving, until
 
 pytestmark = pytest.mark.virtual

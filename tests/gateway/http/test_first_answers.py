@@ -16,9 +16,9 @@ from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.scheduling import Offload, StopPriority
 from linked_fleet_gateway.identity.rights import Grant, Identity, Right, View
 from linked_fleet_gateway.resources import things
-from linked_fleet_gateway.resources.branches import NO_BRANCHES
+from linked_fleet_gateway.resources.branches import NO_BRANCHES, FleetBranch
 from linked_fleet_gateway.resources.tree import Tree
-from linked_fleet_gateway.server.exchange import Reply
+from linked_fleet_server.exchange import Reply
 
 _JOINTS = {"elbow": ("revolute", '<limit lower="-1" upper="1" velocity="2" effort="3"/>')}
 _OF_ROBOT = [
@@ -34,11 +34,12 @@ class Place:
     def __init__(self, bench: Bench) -> None:
         bench.robot(_JOINTS)
         self._bench, self.endpoint = bench, Endpoint()
-        live = SimpleNamespace(fleet=bench.fleet, branches=NO_BRANCHES, tree=self._tree)
+        branches = NO_BRANCHES.with_branches(FleetBranch("diary", None, reading=(Right.ADMIN,)))
+        live = SimpleNamespace(fleet=bench.fleet, branches=branches, tree=self._tree)
         self._app = SimpleNamespace(
             services=SimpleNamespace(
                 live=live, response_cache=ResponseCache(), representations=Representations(), identities=None,
-                stop_priority=StopPriority(), embedded=None, store_marker=None, writing_offload=Offload(),
+                stop_priority=StopPriority(), data_warning=str, writing_offload=Offload(),
                 subscriptions=None,
             )
         )  # fmt: skip
@@ -104,7 +105,7 @@ async def test_the_list_of_a_small_fleet_is_kept_while_it_shows_the_same(place: 
     assert b"lf:presence lf:offline" in _parts(place.endpoint.reply_nowait(scope))[2]
 
 
-async def test_only_readers_of_the_audit_log_are_shown_its_link(place: Place) -> None:
+async def test_only_readers_of_a_restricted_branch_are_shown_its_link(place: Place) -> None:
     """Both see the same robots, and the representations are equal."""
     found = []
     for rights in (frozenset({Right.ADMIN, Right.READ}), frozenset({Right.READ})):
@@ -112,7 +113,7 @@ async def test_only_readers_of_the_audit_log_are_shown_its_link(place: Place) ->
         arrival_of(scope).authenticated = Authenticated(Identity("somebody", (Grant(rights),)))
         found.append(_parts(place.endpoint.reply_nowait(scope))[1][b"link"])
         await asyncio.sleep(0)
-    assert [b"/audit>" in link for link in found] == [True, False]
+    assert [b"/diary>" in link for link in found] == [True, False]
 
 
 async def test_the_list_of_a_large_fleet_is_left_to_the_application(

@@ -10,7 +10,7 @@ from starlette.responses import Response, StreamingResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from linked_fleet_gateway.http.hosted import AsgiResponse
-from linked_fleet_gateway.server.protocol import HTTP
+from linked_fleet_server.protocol import HTTP
 
 
 class Exchange:

@@ -9,12 +9,13 @@ import pytest
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.http import representation
-from linked_fleet_gateway.http.html import HTML, HtmlWriter
 from linked_fleet_gateway.http.representation import Representation, Representations
 from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.resources.resource import Resource, run_steps
+from linked_fleet_gateway.resources.description import InSteps, run_steps
+from linked_fleet_gateway.resources.html import HTML, HtmlWriter, PageContext
+from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime import background
 
 _BASE = "http://fleet.example"
@@ -27,7 +28,7 @@ def _steps(graph: Graph) -> Iterator[None]:
         yield
 
 
-_LONG = Resource("/a", "", lambda graph: run_steps(_steps(graph)), steps=_steps)
+_LONG = Resource("/a", "", InSteps(_steps))
 
 
 class _Pages:
@@ -44,7 +45,7 @@ class _Pages:
 @pytest.mark.parametrize("media_type", RDF_TYPES)
 def test_the_document_is_that_of_a_description_at_once(media_type: str) -> None:
     representations = Representations()
-    found = asyncio.run(representations.negotiate_interleaved(media_type, _LONG, _BASE, Offload()))
+    found = asyncio.run(representations.negotiate_interleaved(media_type, _LONG, _BASE, PageContext, Offload()))
     assert found == representations.negotiate(media_type, _LONG, _BASE)
 
 
@@ -59,7 +60,7 @@ def test_others_run_between_the_steps(monkeypatch: pytest.MonkeyPatch) -> None:
 
     async def run() -> Representation:
         others = asyncio.create_task(count())
-        found = await Representations().negotiate_interleaved(None, _LONG, _BASE, Offload())
+        found = await Representations().negotiate_interleaved(None, _LONG, _BASE, PageContext, Offload())
         others.cancel()
         return found
 
@@ -83,8 +84,8 @@ def test_long_representations_are_written_in_a_thread(monkeypatch: pytest.Monkey
 
     async def run() -> None:
         for media_type in RDF_TYPES:
-            await representations.negotiate_interleaved(media_type, _LONG, _BASE, Offload())
-        await representations.negotiate_interleaved(HTML, short, _BASE, Offload())
+            await representations.negotiate_interleaved(media_type, _LONG, _BASE, PageContext, Offload())
+        await representations.negotiate_interleaved(HTML, short, _BASE, PageContext, Offload())
 
     asyncio.run(run())
     assert len(threads) == len(RDF_TYPES) and len(pages.threads) == 1
@@ -95,6 +96,6 @@ def test_its_tags_are_those_of_its_documents() -> None:
     representations = Representations()
 
     async def tags() -> list[str]:
-        return [tag async for tag in representations.etags_interleaved(_LONG, _BASE, Offload())]
+        return [tag async for tag in representations.etags_interleaved(_LONG, _BASE, PageContext, Offload())]
 
     assert asyncio.run(tags()) == list(representations.etags(_LONG, _BASE))

@@ -258,9 +258,7 @@ def reasons(*, prepared: bool, draining: bool = False) -> list[str]:
 def all_well(*, prepared: bool, draining: bool = False) -> SimpleNamespace:
     up = SimpleNamespace(link=SimpleNamespace(is_connected=True), store_is_available=True, faults=Faults())
     reasons = [] if prepared else [PREPARING]
-    services = SimpleNamespace(
-        live=up, subscriptions=up, embedded=None, store_marker=None, not_ready_reasons=lambda: reasons
-    )
+    services = SimpleNamespace(live=up, subscriptions=up, data_warning=str, not_ready_reasons=lambda: reasons)
     return SimpleNamespace(services=services, draining=draining, has_been_ready=False)
 
 

@@ -12,9 +12,10 @@ from fake_robots import FakeRobot, open_session
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import LF as TERMS
+from linked_fleet_gateway.resources.description import MeasuredDescription
 from linked_fleet_gateway.resources.property import Measurement
-from linked_fleet_gateway.resources.renderings import Renderings
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.templates import Templates
 from linked_fleet_gateway.resources.versioning import Source
 from running import eventually
 from small_fleet import Place
@@ -174,13 +175,11 @@ def _resource(facts: object = ()) -> Resource:
         graph.result_time(TERMS.value, measurements[0].wall_ns)
 
     seen = (Observation((0.5,), 1),)
-    return Resource(
-        f"/r/{facts}", "x", None, source=Source(lambda: facts), describe_measured=describe, samplers=(lambda: seen,)
-    )
+    return Resource(f"/r/{facts}", "x", MeasuredDescription(describe, (lambda: seen,)), source=Source(lambda: facts))
 
 
 def test_there_are_never_too_many_renderings() -> None:
-    renderings = Renderings(3)
+    renderings = Templates(max_renderings=3)
     for number in range(5):
         renderings.rendering(_resource(number), "text/turtle", "http://test")
     assert len(renderings) == 3

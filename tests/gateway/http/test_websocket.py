@@ -19,9 +19,9 @@ from websockets.exceptions import ConnectionClosed
 from websockets.frames import Frame, Opcode
 
 from linked_fleet_gateway.http.websocket import frame_bytes, serve_websocket
-from linked_fleet_gateway.server.connection_limits import HIGH_WATER_BYTES, MAX_HEAD_BYTES, BoundedWriter
-from linked_fleet_gateway.server.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message, Outlet
+from linked_fleet_server.connection_limits import HIGH_WATER_BYTES, MAX_HEAD_BYTES, BoundedWriter
+from linked_fleet_server.websocket_protocol import WEBSOCKET, WebSocketProtocol
 from serving import Channel, connect, fill, serving, until
 
 pytestmark = pytest.mark.virtual

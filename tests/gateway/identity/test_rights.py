@@ -2,7 +2,7 @@
 
 import pytest
 
-from linked_fleet_gateway.identity.rights import ALL, EVERYBODY, NOBODY, Grant, Identity, Right, view
+from linked_fleet_gateway.identity.rights import ALL, EVERYBODY, NOBODY, Grant, Identity, Right, View
 
 
 def identity(*grants: tuple[str, tuple[str, ...]]) -> Identity:
@@ -61,9 +61,10 @@ def test_one_of_several_rights_is_enough(rights: str, robot: str | None, may: bo
 
 def test_views_of_everything_are_equal() -> None:
     assert identity(("read", ("lab-*", "*"))).visible_robots is ALL
-    assert view(frozenset({"a"}), "ada") is view(frozenset({"a"}), "ada")
-    assert view(frozenset({"a"}), "ada") != view(frozenset({"a"}), "bob")  # each also has invocations of the fleet
-    assert identity(("read", ("a",))).visible_robots == view(frozenset({"a"}), "ada")
+    assert View.of(frozenset({"a"}), "ada") is View.of(frozenset({"a"}), "ada")
+    # Each also has invocations of the fleet.
+    assert View.of(frozenset({"a"}), "ada") != View.of(frozenset({"a"}), "bob")
+    assert identity(("read", ("a",))).visible_robots == View.of(frozenset({"a"}), "ada")
 
 
 def test_unknown_callers_have_no_name() -> None:
@@ -77,7 +78,7 @@ def test_an_identity_lasts_unless_it_says_otherwise() -> None:
 
 def test_a_view_covers_another_by_its_patterns() -> None:
     """Otherwise a caller who may subscribe to fewer robots than it may read would get all of them through the fleet."""
-    assert identity(("read subscribe", ("lab-*",))).visible_robots.is_superset_of(view(frozenset({"lab-*"}), "x"))
-    assert ALL.is_superset_of(view(frozenset({"lab-*"}), "x"))
+    assert identity(("read subscribe", ("lab-*",))).visible_robots.is_superset_of(View.of(frozenset({"lab-*"}), "x"))
+    assert ALL.is_superset_of(View.of(frozenset({"lab-*"}), "x"))
     both = identity(("read", ("*",)), ("subscribe", ("lab-*",)))
     assert not both.view_for(Right.SUBSCRIBE).is_superset_of(both.visible_robots)

@@ -14,8 +14,8 @@ from pyjelly.integrations.generic.parse import parse_jelly_flat
 from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, Literal, NamedNode, Quad, Triple
 from rdflib.compare import isomorphic
 
-from linked_fleet_gateway.rdf import parsing
 from linked_fleet_gateway.rdf.serialise import JELLY, RDF_TYPES, ParseError, parse, render
+from linked_fleet_rdf import parsing
 from properties import examples
 
 BASE = "http://127.0.0.1:8000/baxter/right_s1"

@@ -7,9 +7,9 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.actions.action_handlers import HANDLERS
 from linked_fleet_gateway.extensions.reach.can_reach import LF
-from linked_fleet_gateway.rdf.turtle import write_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, METHODS, PREFIXES, RDF
 from linked_fleet_gateway.resources.action_offer import action_definitions, fleet_offers, joint_offers, robot_offers
+from linked_fleet_rdf.turtle import write_turtle
 
 _LIMIT = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
 _JOINTS = {

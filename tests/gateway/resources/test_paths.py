@@ -1,5 +1,8 @@
 """Paths: any name has exactly one segment, and every segment leads back to its name."""
 
+from types import SimpleNamespace
+from typing import Any, cast
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -13,6 +16,7 @@ from linked_fleet_gateway.resources.paths import (
     reserved_in_robot,
     robot_name,
     robot_path,
+    thing_at,
 )
 
 _TWINS = """<robot name="twins">
@@ -55,3 +59,14 @@ def test_joint_and_link_of_one_name_and_reserved_names_are_told_apart() -> None:
         assert joint_or_link(segment, model) == part
     with pytest.raises(ValueError, match="neither"):
         joint_or_link("base~link", model)
+
+
+def test_a_path_leads_to_a_robot_and_its_part() -> None:
+    model = RobotModel.parse(_TWINS)
+    robot, bare = SimpleNamespace(name="r", model=model), SimpleNamespace(name="new", model=None)
+    robots = cast(Any, {"r": robot, "new": bare})
+    assert thing_at("/r/", robots) == (robot, None) and thing_at("/new/", robots) == (bare, None)
+    assert thing_at(joint_path("r", "j"), robots) == (robot, model.joints["j"])
+    assert thing_at(link_path("r", model, "subscriptions"), robots) == (robot, model.links["subscriptions"])
+    for path in ("/", "/r", "/r/none", "/r/j/rotation", "/new/j", "/s/", "/health/", "/~/"):
+        assert thing_at(path, robots) is None

@@ -19,7 +19,6 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.body import BODY_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse, render
-from linked_fleet_gateway.rdf.turtle import write_turtle
 from linked_fleet_gateway.rdf.validation import ground_statements
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATIONS, annotate
@@ -28,6 +27,7 @@ from linked_fleet_gateway.resources.body_values import robot_settings as setting
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.settable import setting_properties
+from linked_fleet_rdf.turtle import write_turtle
 from properties import examples
 
 _BASE, _OTHER = "http://fleet.example:8000", "https://robots.example.org"

@@ -17,7 +17,6 @@ from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.shapes import load_turtle
-from linked_fleet_gateway.rdf.turtle import write_turtle
 from linked_fleet_gateway.rdf.vocabulary import HTTP, HYBRIT, LDP, METHODS, PREFIXES, RDF
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import (
@@ -30,6 +29,7 @@ from linked_fleet_gateway.resources.subscription_resource import (
     read_request,
     subscription_path,
 )
+from linked_fleet_rdf.turtle import write_turtle
 from properties import examples
 
 _BASE = "http://example.org"

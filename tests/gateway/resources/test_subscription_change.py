@@ -5,8 +5,8 @@ from dataclasses import replace
 import pytest
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.extensions.patch.sparql_update import apply_update, parse_update
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.sparql_update import apply_update, parse_update
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Delivery, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_change import changed_options, managed_option_statements

@@ -22,11 +22,11 @@ from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.subscriptions import courier as courier_module
 from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.courier import Courier
-from linked_fleet_gateway.subscriptions.delivery_pace import SUSPEND_AFTER
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.network import Address, Network
-from linked_fleet_gateway.subscriptions.receiver import Receiver
 from linked_fleet_gateway.subscriptions.store import OutgoingMessage, SubscriptionStore
+from linked_fleet_webhooks.delivery_pace import SUSPEND_AFTER
+from linked_fleet_webhooks.network import Address, Network
+from linked_fleet_webhooks.receiver import Receiver
 from receivers import Answer, Seen, consents, receiving, retry_after
 from receivers import Receiver as CallbackReceiver
 from redis_servers import single

@@ -24,11 +24,11 @@ from linked_fleet_gateway.subscriptions import service as service_module
 from linked_fleet_gateway.subscriptions import streams as streams_module
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
-from linked_fleet_gateway.subscriptions.network import Network
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 from linked_fleet_gateway.subscriptions.store import News, SubscriptionLimitReached, SubscriptionStore
 from linked_fleet_gateway.subscriptions.streams import Streams
 from linked_fleet_gateway.subscriptions.watcher import Watcher
+from linked_fleet_webhooks.network import Network
 from redis_servers import Servers, single
 from running import PATIENCE_S
 

@@ -22,7 +22,7 @@ from linked_fleet_gateway.identity.roster import BadRoster
 from linked_fleet_gateway.link.transport import LinkError, Session
 from linked_fleet_gateway.runtime.log import create_formatter
 from linked_fleet_gateway.runtime.redis import InvalidUrl
-from linked_fleet_gateway.server.server import Server
+from linked_fleet_server.server import Server
 from virtual.confined import Confined, confined
 from virtual.loop import VirtualLoop, current
 from virtual.played_session import PlayedSession

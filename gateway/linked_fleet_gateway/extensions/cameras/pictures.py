@@ -7,10 +7,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
 from types import TracebackType
-from typing import Self
+from typing import Protocol, Self
 
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, PictureFormat, PictureQuery
+from linked_fleet_gateway.api import Resource, cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Offline
 from linked_fleet_gateway.extensions.cameras.cameras import (
     FORMATS,
@@ -22,11 +23,7 @@ from linked_fleet_gateway.extensions.cameras.cameras import (
 )
 from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ, RobotCamera
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.link.fleet_link import NoAnswer
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.subscriptions.live import Live
-from linked_fleet_gateway.subscriptions.watcher import Watcher
+from linked_fleet_gateway.serving import Live, NoAnswer
 
 log = logging.getLogger(__name__)
 
@@ -38,6 +35,26 @@ _TIMEOUT_S = 20.0  # the first picture of a robot starts its renderer
 _AGAIN_S = 1.0
 
 _Key = tuple[str, str, PictureFormat]
+
+
+class Subscription(Protocol):
+    """A subscription: a resource, the media type of its messages, and the least time between two of them."""
+
+    @property
+    def resource(self) -> str: ...
+
+    @property
+    def media_type(self) -> str: ...
+
+    @property
+    def interval_s(self) -> float: ...
+
+
+class Watcher(Protocol):
+    """A client that follows a resource; its subscription may change."""
+
+    @property
+    def subscription(self) -> Subscription: ...
 
 
 @dataclass

@@ -11,6 +11,16 @@ from functools import partial
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Camera
+from linked_fleet_gateway.api import (
+    CONTAINER,
+    RequestView,
+    Resource,
+    RobotBranch,
+    Source,
+    blueprint_of,
+    link_path,
+    robot_path,
+)
 from linked_fleet_gateway.extensions.cameras.cameras import (
     FORMATS,
     SEGMENT,
@@ -20,6 +30,7 @@ from linked_fleet_gateway.extensions.cameras.cameras import (
     cameras_path,
     types_of,
 )
+from linked_fleet_gateway.faces import Describer
 from linked_fleet_gateway.fleet.model import Link
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -28,11 +39,6 @@ from linked_fleet_gateway.rdf.serialise import NoContentYet
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, QUDT, RDFS, SOSA
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, describe_layout, layout_path
-from linked_fleet_gateway.resources.branches import RequestView, RobotBranch
-from linked_fleet_gateway.resources.describe import Describer
-from linked_fleet_gateway.resources.paths import link_path, robot_path
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
-from linked_fleet_gateway.resources.versioning import Source, presence_facts
 
 LF = CORE.extended(
     "Camera Cameras CameraShape CamerasShape cameras imageWidth imageHeight verticalFieldOfView nearest"
@@ -133,7 +139,7 @@ def _camera(held: Held, view: RequestView, robot: Robot, camera: Camera) -> Reso
         path,
         f"Camera {camera.name} of {robot.name}",
         partial(_describe, view=view, robot=robot, camera=camera),
-        source=Source(lambda: (presence_facts(robot), robot.description), look, robot),
+        source=Source(lambda: (robot.presence_facts, robot.description), look, robot),
         own_paths=(path + "/blueprint",),
         documents={each: partial(_content, seen, path, FORMATS[each]) for each in types},
         remote=RobotCamera(robot, camera),

@@ -4,15 +4,12 @@ import itertools
 from collections.abc import Hashable, Iterable, Iterator
 
 from linked_fleet_agent.wire.messages import PictureFormat
+from linked_fleet_gateway.api import Core, Right, robot_path
 from linked_fleet_gateway.extensions.cameras.cameras import camera_path, cameras_of
 from linked_fleet_gateway.extensions.foxglove.messages import OF_ROBOT, PICTURES, SCENE, schemas
 from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter, Service
+from linked_fleet_gateway.faces import Identity, named_poses, offers_at
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import Identity, Right
-from linked_fleet_gateway.resources.action_offer import fleet_offers, robot_offers
-from linked_fleet_gateway.resources.annotations import named_poses
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.subscriptions.live import Live
 
 SPEED = "maximumSpeedScale"
 _SERVICES = ("stop", "stopAll", "assumePose")
@@ -37,11 +34,11 @@ _PART = "Foxglove"  # in faults
 class Catalogue:
     """The advertised channels and services. Ids are never reused, so a late message cannot refer to another channel."""
 
-    def __init__(self, live: Live, cameras: bool) -> None:
+    def __init__(self, core: Core, cameras: bool) -> None:
         self.channels: dict[int, Channel] = {}
         self.services: dict[int, Service] = {}
         self.by_topic: dict[str, Channel] = {}
-        self._live, self._cameras = live, cameras
+        self._core, self._cameras = core, cameras
         self._version: object = None
         self._next = itertools.count(1)
         self._ids: dict[Hashable, int] = {}
@@ -65,14 +62,14 @@ class Catalogue:
         for robot in self._robots():
             if not may_see(caller, robot.name):
                 continue
-            with self._live.faults.guard(_PART, robot.name, "its parameters"):
+            with self._core.faults.guard(_PART, robot.name, "its parameters"):
                 said = {"title": robot.title, "presence": robot.presence, "namedPoses": sorted(named_poses(robot))}
                 found += [Parameter(topic(robot.name, what), value) for what, value in said.items()]
                 found.append(Parameter(topic(robot.name, SPEED), robot.speed_scale, "float64"))
         return {each.name: each for each in found}
 
     def _robots(self) -> list[Robot]:
-        return [each for each in self._live.fleet.robots.values() if each.model is not None]
+        return [each for each in self._core.robots.values() if each.model is not None]
 
     def _id(self, *key: Hashable) -> int:
         return self._ids.setdefault(key, self._ids_before.get(key) or next(self._next))
@@ -81,7 +78,7 @@ class Catalogue:
         schema = schemas()
         yield Channel(self._id(SCENE), SCENE, schema[SCENE], None, SCENE)
         for robot in robots:
-            with self._live.faults.guard(_PART, robot.name, "its channels"):
+            with self._core.faults.guard(_PART, robot.name, "its channels"):
                 yield from self._channels_of(robot)
 
     def _channels_of(self, robot: Robot) -> Iterator[Channel]:
@@ -94,10 +91,10 @@ class Catalogue:
             yield Channel(self._id(at), at, schema[what], robot.name, what)
 
     def _find_services(self, robots: Iterable[Robot]) -> Iterator[Service]:
-        offers = [*fleet_offers()]
+        offers = offers_at(None)
         for each in robots:
-            with self._live.faults.guard(_PART, each.name, "its services"):
-                offers += robot_offers(each)
+            with self._core.faults.guard(_PART, each.name, "its services"):
+                offers += offers_at(each)
         for offer in offers:
             if offer.definition.segment in _SERVICES:
                 # The schema of a request has the names of poses and their joints.

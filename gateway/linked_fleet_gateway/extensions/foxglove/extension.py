@@ -6,14 +6,20 @@ from dataclasses import dataclass
 
 from starlette.responses import Response
 
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    FleetBranch,
+    Found,
+    Mount,
+    Request,
+    RequestView,
+    Resource,
+    WebSocketHandler,
+)
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.websocket import WebSocketHandler
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.resources.resource import Resource
 
 _PATH = "/foxglove"
 
@@ -33,12 +39,13 @@ class FoxgloveExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         from linked_fleet_gateway.extensions.foxglove.hub import Hub
 
-        hub = Hub(core.live, core.optional_service(Pictures), core.optional_service(World))
-        yield Mount(
-            branches=(FleetBranch(_PATH[1:], None, _resolve),),
-            readers={FoxgloveEndpoint: _read},
-            websocket_handlers={FoxgloveEndpoint: WebSocketHandler(SUBPROTOCOLS, hub.serve)},
-        )
+        hub = Hub(core, core.optional_service(Pictures), core.optional_service(World))
+        with core.listening_to_invocations(hub.hear):
+            yield Mount(
+                branches=(FleetBranch(_PATH[1:], None, _resolve),),
+                readers={FoxgloveEndpoint: _read},
+                websocket_handlers={FoxgloveEndpoint: WebSocketHandler(SUBPROTOCOLS, hub.serve)},
+            )
 
 
 def _resolve(view: RequestView, rest: list[str]) -> Found:

@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Set
 from functools import partial
 
+from linked_fleet_gateway.api import Core, SubprotocolConnection, supervised, time_sliced
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ
@@ -23,9 +24,6 @@ from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.websocket import SubprotocolConnection
-from linked_fleet_gateway.runtime.background import supervised, time_sliced
-from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
 
@@ -41,11 +39,10 @@ _Run = tuple[Callable[[], Awaitable[None]], float]
 class Hub:
     """Publishes messages to all clients. Its tasks run while at least one client is connected."""
 
-    def __init__(self, live: Live, pictures: Pictures | None, world: World | None) -> None:
-        self._catalogue = Catalogue(live, pictures is not None)
-        self._live, self._pictures, self._world = live, pictures, world
+    def __init__(self, core: Core, pictures: Pictures | None, world: World | None) -> None:
+        self._catalogue = Catalogue(core, pictures is not None)
+        self._core, self._pictures, self._world = core, pictures, world
         self._sessions: list[Session] = []
-        live.add_invocation_listener(self._hear)
         self._subscribers: dict[int, list[tuple[Session, int]]] = {}
         self._watched: dict[str, dict[str, Channel]] = {}
         self._shown: dict[str, bytes | None] = {}
@@ -102,7 +99,7 @@ class Hub:
         """Poll for new frames, and send those of several robots together."""
         pieces = defaultdict[Session, list[bytes]](list)
         async for name, channels in time_sliced(list(self._watched.items())):
-            robot = self._live.fleet.robots.get(name)
+            robot = self._core.robots.get(name)
             if robot is not None:
                 robot.adopt_latest_frame()
                 self._show(robot, channels, pieces)
@@ -145,7 +142,7 @@ class Hub:
             session.news.set()
         for number in list(self._subscribers):
             channel = self._catalogue.channels[number]
-            robot = self._live.fleet.robots.get(channel.robot or "")
+            robot = self._core.robots.get(channel.robot or "")
             if channel.what == messages.SCENE:
                 self._tell(channel, self._scene_content())
             elif channel.what == messages.LOG and robot is not None:
@@ -166,7 +163,7 @@ class Hub:
             self._scene = dict(objects), messages.scene(objects, time.time_ns())
         return self._scene[1]
 
-    def _hear(self, invocation: Invocation) -> None:
+    def hear(self, invocation: Invocation) -> None:
         """Send a changed invocation as an event of each of its robots."""
         for robot in (invocation.robots or (invocation.robot,)) if self._sessions else ():
             channel = self._catalogue.by_topic.get(topic(robot, messages.EVENTS))

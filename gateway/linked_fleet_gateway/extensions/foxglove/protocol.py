@@ -9,9 +9,8 @@ import msgspec
 from msgspec import Meta, Struct
 from websockets.frames import Opcode
 
-from linked_fleet_gateway.http.websocket import frame
-from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.json_form import form_of_input
+from linked_fleet_gateway.faces import Offer, form_of_input
+from linked_fleet_gateway.serving import frame
 
 if TYPE_CHECKING:
     from foxglove import Schema

@@ -7,6 +7,7 @@ from contextlib import suppress
 
 import msgspec
 
+from linked_fleet_gateway.api import SubprotocolConnection, ask, cancel_tasks, time_sliced
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.foxglove import protocol
 from linked_fleet_gateway.extensions.foxglove.catalogue import SPEED, Catalogue, may_see
@@ -18,9 +19,7 @@ from linked_fleet_gateway.extensions.foxglove.protocol import (
     Service,
     UnsupportedMessage,
 )
-from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
-from linked_fleet_gateway.http.websocket import ConnectionEnded, SubprotocolConnection
-from linked_fleet_gateway.runtime.background import cancel_tasks, time_sliced
+from linked_fleet_gateway.serving import ConnectionEnded, Reply, ReplyTooLong
 
 MOST_CALLS = 8
 """Calls and settings of one client in progress, not counting the same number of calls that stop."""

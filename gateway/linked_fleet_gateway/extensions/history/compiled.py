@@ -1,10 +1,11 @@
-"""Histories of single numbers as copies of one document for each kind of them (``resources/copies.py``)."""
+"""Histories of single numbers by one template for each kind of them (``resources/templates.py``)."""
 
 import math
 from collections.abc import Sequence
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.api import Property, robot_path
 from linked_fleet_gateway.extensions.history.describe import (
     About,
     Page,
@@ -16,13 +17,10 @@ from linked_fleet_gateway.extensions.history.describe import (
 )
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Series
+from linked_fleet_gateway.faces import DescriptionTemplate, Rows, lexical_time
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, lexical
 from linked_fleet_gateway.rdf.vocabulary import XSD
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.renderings import lexical_time
-from linked_fleet_gateway.resources.resource import DescriptionTemplate, Rows
 
 _COLON = "%3A"  # of times in queries
 

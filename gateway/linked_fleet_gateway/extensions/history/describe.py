@@ -9,10 +9,12 @@ from dataclasses import dataclass
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
+from linked_fleet_gateway.api import Property
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.span import Span, lexical_time, query
 from linked_fleet_gateway.extensions.history.track import Excerpt, Series, Track
+from linked_fleet_gateway.faces import Describer
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import (
     METRE,
@@ -30,8 +32,6 @@ from linked_fleet_gateway.rdf.graph import (
 )
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, MATHS, QUDT, RDFS, SOSA
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.resources.describe import Describer
-from linked_fleet_gateway.resources.property import Property
 
 LF = CORE.extended(
     "History HistoryList HistoryListShape HistoryShape histories history historySpan samplingPeriod oldestSample "

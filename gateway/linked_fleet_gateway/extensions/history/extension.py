@@ -9,44 +9,37 @@ from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from prometheus_client.metrics_core import Metric
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    Mount,
+    NavigationEntry,
+    Request,
+    RequestView,
+    Resource,
+    gauge,
+    read_resource,
+)
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
+from linked_fleet_gateway.extensions.history.operations import operations
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.resources import (
     HISTORIES,
-    SEGMENT,
     RecordedHistory,
     history_branches,
     list_branch,
-    measured_paths,
 )
 from linked_fleet_gateway.extensions.history.span import parse_span
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.fields import Link, link_header
-from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.http.operations import (
-    last_segment,
-    parameter,
-    rdf_get_operation,
-    resource_path_items,
-    segment_schema,
-)
-from linked_fleet_gateway.http.preconditions import check_preconditions
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import Json
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.metrics import gauge
+from linked_fleet_gateway.serving import WebLink, check_preconditions, link_header
 
 _PIECE_BYTES = 64 * 1024
 _LINK_BYTES = 512
@@ -60,25 +53,28 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
     shown = past.select_page(parse_span(request.query_params.multi_items()))
     name = shown.resource.path[1:].replace("/", "-")
     names = {media_type: f"{name}.{suffix}" for media_type, suffix in _SUFFIXES.items()}
-    selected = shown.resource.with_reader_of(found).replace(query=request.url.query, file_names=names)
-    is_copied = representations.choose_media_type(accept, selected) in TEXT_TYPES
+    selected = shown.resource.replace(file_names=names)
+    is_text = representations.choose_media_type(accept, selected) in TEXT_TYPES
 
-    def compiled() -> Resource:
-        return selected.replace(template=shown.template()) if is_copied else selected
+    def templated() -> Resource:
+        template = shown.template() if is_text else None
+        return selected if template is None else selected.replace(describe=template)
 
     def work(resource: Resource) -> Response:
         check_preconditions(request, resource)
         return read_resource(request, resource)
 
-    if is_copied and shown.is_short and representations.is_quick(accept, known := compiled(), request.base):
+    if is_text and shown.is_short and representations.is_quick(accept, known := templated(), request.base):
         response = work(known)
     else:
         async with past.history.worker():
-            response = await asyncio.to_thread(lambda: work(compiled()))
+            response = await asyncio.to_thread(lambda: work(templated()))
     media_type = response.headers.get("content-type", "").partition(";")[0]
     file = media_type in _SUFFIXES
     page, address = shown.file if file else shown.document, request.base + shown.resource.path
-    leads = [Link(f"{address}?{query}", rel) for rel, query in (("next", page.next), ("prev", page.previous)) if query]
+    leads = [
+        WebLink(f"{address}?{query}", rel) for rel, query in (("next", page.next), ("prev", page.previous)) if query
+    ]
     if leads:
         response.headers.append("link", link_header(leads, [], limit=_LINK_BYTES))
     if len(response.body) <= _PIECE_BYTES:
@@ -124,6 +120,7 @@ class HistorySettings(Section):
 
 class HistoryExtension(Extension):
     name = "history"
+    needs = ("models",)
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
     at_root = ("history",)
@@ -136,7 +133,7 @@ class HistoryExtension(Extension):
 
         return (page.LIST, page.HISTORY)
 
-    def operations(self, view: RequestView) -> Mapping[str, Json]:
+    def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
 
     @asynccontextmanager
@@ -155,48 +152,3 @@ class HistoryExtension(Extension):
 def _metrics(history: History) -> Iterator[Metric]:
     yield gauge("history_bytes", "Memory of the histories of all robots.", history.bytes)
     yield gauge("history_samples", "Samples in the histories of all robots.", history.samples)
-
-
-_TIME: Json = {"type": "string", "format": "date-time"}
-_DURATION: Json = {"type": "string", "pattern": "^PT[0-9]{1,6}S$", "examples": ["PT10S"]}
-_SPAN = [
-    parameter("from", "query", _TIME, "The earliest time."),
-    parameter("to", "query", _TIME, "The end of the span; samples at that time are excluded."),
-    parameter("last", "query", _DURATION, "Length of the span up to the newest sample, instead of from and to."),
-    parameter(
-        "limit", "query", {"type": "integer", "minimum": 1, "maximum": 999_999_999}, "The maximum number of samples."
-    ),
-]
-
-
-def operations(view: RequestView) -> dict[str, Json]:
-    """Return the OpenAPI path items of the list of histories, and of histories of robots and measured properties."""
-    robots = [each for each in view.robots.values() if each.model is not None]
-    of = {"robot": segment_schema(last_segment(robot_path(each.name)) for each in robots)}
-    paths = list[list[str]]()
-    for each in robots:
-        with view.faults.guard("OpenAPI", each.name, "its histories"):
-            paths += [path.split("/")[2:] for path in measured_paths(each)]
-    own, parts = [each for each in paths if len(each) == 1], [each for each in paths if len(each) == 2]
-    whole = rdf_get_operation("readHistory", "Recent values of a robot", None, {"csv": CSV, "mcap": MCAP}, _SPAN)
-    found = resource_path_items(HISTORIES, {}, "Histories", "The histories of all robots")
-    if robots:
-        found |= resource_path_items(f"/{{robot}}/{SEGMENT}", of, "History", "Recent values of a robot", whole)
-    if own:
-        get = rdf_get_operation("readOwnHistory", "Recent values of a property of a robot", None, {"csv": CSV}, _SPAN)
-        template, parameters = (
-            f"/{{robot}}/{{property}}/{SEGMENT}",
-            of | {"property": segment_schema(each[0] for each in own)},
-        )
-        found |= resource_path_items(template, parameters, "OwnHistory", "History of a property of a robot", get)
-    if parts:
-        get = rdf_get_operation(
-            "readPartHistory", "Recent values of a property of a joint or link", None, {"csv": CSV}, _SPAN
-        )
-        parameters = of | {
-            "part": segment_schema(each[0] for each in parts),
-            "property": segment_schema(each[1] for each in parts),
-        }
-        template = f"/{{robot}}/{{part}}/{{property}}/{SEGMENT}"
-        found |= resource_path_items(template, parameters, "PartHistory", "History of a property of a part", get)
-    return found

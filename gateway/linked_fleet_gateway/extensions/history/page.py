@@ -12,8 +12,8 @@ from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
-from linked_fleet_gateway.rdf.turtle import Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYDRA, QUDT, RDFS, SOSA
+from linked_fleet_rdf.turtle import Term
 
 _TEMPLATES = Path(__file__).parent / "templates"
 

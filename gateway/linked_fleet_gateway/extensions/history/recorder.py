@@ -12,12 +12,12 @@ from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Self
 
+from linked_fleet_gateway.api import cancel_tasks, supervised, time_sliced
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.history.track import Track, joints_of
 from linked_fleet_gateway.fleet.events import Latest
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised, time_sliced
 
 log = logging.getLogger(__name__)
 

@@ -10,6 +10,21 @@ from functools import partial
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.api import (
+    FleetBranch,
+    Found,
+    Property,
+    PropertyBranch,
+    RequestView,
+    Resource,
+    RobotBranch,
+    Source,
+    blueprint_of,
+    joint_path,
+    link_path,
+    robot_path,
+    thing_at,
+)
 from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.extensions.history.compiled import history_template, robot_history_template
 from linked_fleet_gateway.extensions.history.describe import (
@@ -37,19 +52,14 @@ from linked_fleet_gateway.extensions.history.track import (
     link_series,
     samples,
 )
-from linked_fleet_gateway.fleet.geometry import SUFFIXES, file_name, urdf_with_mesh_addresses
+from linked_fleet_gateway.extensions.models.geometry import SUFFIXES, file_name, mesh_path, urdf_with_mesh_addresses
+from linked_fleet_gateway.faces import Describer, DescriptionTemplate, kind_of
+from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import SECOND, Graph
 from linked_fleet_gateway.rdf.serialise import WriteError
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
-from linked_fleet_gateway.resources.describe import Describer
-from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, mesh_path, robot_path
-from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import DescriptionTemplate, Resource, blueprint_of
-from linked_fleet_gateway.resources.versioning import Source
 
 SEGMENT = "history"
 _SHORT, _SHORT_OF_VECTORS = 256, 16
@@ -168,11 +178,11 @@ def _is_short(page: Page, series: Series | None) -> bool:
 def _series(joints: Joints, robot: Robot, owner: str, item: Property) -> Series | None:
     if owner == robot_path(robot.name):
         return base_series(item)
-    joint, link = joint_or_link(owner.rpartition("/")[2], joints.model)
-    if joint is not None:
-        return joint_series(joints, joint, item)
-    assert link is not None
-    return link_series(joints, link)
+    _, part = thing_at(owner, {robot.name: robot}) or (robot, None)
+    if isinstance(part, Joint):
+        return joint_series(joints, part.name, item)
+    assert part is not None
+    return link_series(joints, part.name)
 
 
 def measured_paths(robot: Robot) -> Iterator[str]:

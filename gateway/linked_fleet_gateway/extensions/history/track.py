@@ -13,15 +13,14 @@ from dataclasses import dataclass
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import Base
+from linked_fleet_gateway.api import Property, joint_path, robot_path
+from linked_fleet_gateway.faces import kind_of
 from linked_fleet_gateway.fleet.events import Latest
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose
 from linked_fleet_gateway.fleet.model import Pose, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, UNITLESS, Unit
 from linked_fleet_gateway.rdf.vocabulary import LF, SPATIAL
-from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_path, robot_path
-from linked_fleet_gateway.resources.property import Property
 
 _WALL = struct.Struct("<q")
 _WALL_AT = next(field.offset for field in layout(1, False) if field.name == "wall_ns")

@@ -11,12 +11,11 @@ import anyio
 from mcp_types import CallToolResult, ToolAnnotations
 from pydantic import Field
 
+from linked_fleet_gateway.api import await_turn
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, content_result, refusal_result
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
-from linked_fleet_gateway.http.entrance import await_turn
-from linked_fleet_gateway.http.internal_request import Reply
-from linked_fleet_gateway.http.scheduling import stop_segments
+from linked_fleet_gateway.serving import Reply, stop_segments
 
 _JSON = "application/json"
 _PAUSE_S, _LOOK_S = 0.1, 1.0
@@ -127,7 +126,7 @@ async def _follow(context: MessageContext, iri: str, wait_s: float, progress: Pr
                 if invocation.state.terminal:
                     return
                 before = invocation.state, invocation.progress
-                await context.waiting.wait_until_or_shutdown(invocation, partial(_differs, before), _LOOK_S)
+                await context.core.wait_until(invocation, partial(_differs, before), _LOOK_S)
                 await asyncio.sleep(_PAUSE_S)  # many changes may share one notification
 
 

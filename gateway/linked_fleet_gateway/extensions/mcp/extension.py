@@ -19,25 +19,30 @@ from pyoxigraph import Literal
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from linked_fleet_gateway.api import (
+    AsgiResponse,
+    Core,
+    Extension,
+    FleetBranch,
+    Found,
+    Mount,
+    Request,
+    RequestView,
+    Resource,
+    Right,
+    await_turn,
+    body_type,
+    cancel_tasks,
+    read_resource,
+)
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.mcp.envelope import InvalidMessage, UnderWay, check_envelope, request_id
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
-from linked_fleet_gateway.http.body import body_type, read_body
-from linked_fleet_gateway.http.entrance import await_turn
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.hosted import AsgiResponse
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import Offload, bucket_key
-from linked_fleet_gateway.http.streams import wants_events
-from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.json_input import ParseError, load_json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDFS
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import cancel_tasks
+from linked_fleet_gateway.serving import read_body, wants_events
+from linked_fleet_rdf.json_input import ParseError, load_json
 
 PATH, _TITLE = "/mcp", "Model Context Protocol"
 
@@ -147,9 +152,8 @@ async def post_message(sdk: Sdk, request: Request, affords: PostMessage) -> ASGI
     if request.method == "POST":
         body_type(request, PostMessage.body_types)
         content = await read_body(request, MAX_MESSAGE_BYTES)
-        offload: Offload = request.services.offload
         try:
-            message = await offload.run(partial(_parsed, content), len(content))
+            message = await request.services.offload.run(partial(_parsed, content), len(content))
         except ParseError as error:
             return _error(HTTPStatus.BAD_REQUEST, _PARSE_ERROR, f"Parse error: {error}")
         try:
@@ -158,15 +162,13 @@ async def post_message(sdk: Sdk, request: Request, affords: PostMessage) -> ASGI
             return _error(HTTPStatus.BAD_REQUEST, _INVALID_REQUEST, f"Invalid Request: {error}.")
         if may_stop and not _stops(message):
             await await_turn(request)
-    core = sdk.core
-    waiters, public_urls = core.actions.lifecycle.waiters, core.public_urls
-    context = MessageContext(request, affords.view, core.live.branches, waiters, public_urls, sdk.ending)
+    context = MessageContext(request, affords.view, sdk.core, sdk.ending)
     response = AsgiResponse(await sdk.app(), content, {KEY: context}, sdk.ending.set)
     return _unless_in_use(sdk.under_way, request, message, response)
 
 
 def _unless_in_use(under_way: UnderWay, request: Request, message: dict[str, Any], response: ASGIApp) -> ASGIApp:
-    client, session = bucket_key(request.scope), request.headers.get("mcp-session-id", "")
+    client, session = request.client_key, request.headers.get("mcp-session-id", "")
 
     async def answer(scope: Scope, receive: Receive, send: Send) -> None:
         try:

@@ -1,15 +1,12 @@
 """The context of an MCP message: the request that carried it, and the fleet as its caller sees it."""
 
 import asyncio
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
-from linked_fleet_gateway.actions.lifecycle import Waiters
-from linked_fleet_gateway.base.errors import BadRequest
-from linked_fleet_gateway.http.internal_request import Reply, ask
-from linked_fleet_gateway.http.problem import PROBLEM_JSON
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.resources.branches import Branches, RequestView
+from linked_fleet_gateway.api import Core, Request, RequestView, ask
+from linked_fleet_gateway.base.errors import PROBLEM_JSON, BadRequest
+from linked_fleet_gateway.serving import Reply
 
 KEY = "linked-fleet.context"
 """Key of the message's ``MessageContext`` in ``scope["extensions"]``."""
@@ -25,19 +22,17 @@ class MessageContext:
 
     request: Request
     view: RequestView
-    branches: Branches
-    waiting: Waiters
-    public_urls: Sequence[str]
+    core: Core
     ending: asyncio.Event
     """Set when the gateway ends."""
 
     def path_of(self, target: str) -> str:
         """Return the path of an IRI below any public URL of the fleet; a path as it is. Raises BadRequest."""
-        for base in self.public_urls:
+        for base in self.core.public_urls:
             if target == base or target.startswith(f"{base}/"):
                 return target.removeprefix(base) or "/"
         if "://" in target:
-            bases = " or ".join(f"{base}/" for base in self.public_urls)
+            bases = " or ".join(f"{base}/" for base in self.core.public_urls)
             raise BadRequest(f"{target[:200]!r} is no path, such as /, and no URL below {bases}.")
         return target
 

@@ -15,19 +15,14 @@ from mcp.shared.exceptions import MCPError
 from mcp_types import CallToolResult, TextContent
 from pydantic import Field
 
+from linked_fleet_gateway.api import joint_path, link_path, robot_of, robot_path, time_sliced
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, content_result, is_text
+from linked_fleet_gateway.faces import Invoke, Offer, form_of_input, kind_of, offers_at, properties_at
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.internal_request import ReplyTooLong
-from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
-from linked_fleet_gateway.resources.affordance import Invoke
-from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.json_form import form_of_input
-from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_of, robot_path
-from linked_fleet_gateway.resources.properties import joint_properties
-from linked_fleet_gateway.runtime.background import time_sliced
+from linked_fleet_gateway.serving import ReplyTooLong
 
 _JSONLD, _TURTLE = "application/ld+json", "text/turtle"
 _ACCEPT = {
@@ -149,7 +144,7 @@ def _all(context: MessageContext, name: str) -> Iterator[SearchResult]:
         presence = {"name": robot.name, "online": robot.online, "fault": robot.fault}
         yield SearchResult("robot", robot_path(robot.name), robot.title, robot.name, presence.copy)
     if not name:
-        yield from _actions(context, fleet_offers())
+        yield from _actions(context, offers_at(None))
     for robot in robots:
         with context.view.faults.guard(_SEARCH, robot.name):
             yield from _in_robot(context, robot)
@@ -161,7 +156,7 @@ def _all(context: MessageContext, name: str) -> Iterator[SearchResult]:
 def _in_robot(context: MessageContext, robot: Robot) -> Iterator[SearchResult]:
     """Yield the actions and parts of a robot while it has this model."""
     model = robot.model
-    for each in chain(_actions(context, robot_offers(robot)), _parts(context, robot)):
+    for each in chain(_actions(context, offers_at(robot)), _parts(context, robot)):
         yield each
         if robot.model is not model:
             return
@@ -174,7 +169,7 @@ def _parts(context: MessageContext, robot: Robot) -> Iterator[SearchResult]:
         path, kind = joint_path(robot.name, joint.name), kind_of(joint).type.value.rpartition("#")[2]
         tell = partial(_values, context, robot, joint, kind)
         yield SearchResult("joint", path, f"{joint.name} of {robot.title}", f"{robot.name} {kind}", tell)
-        yield from _actions(context, joint_offers(robot, joint))
+        yield from _actions(context, offers_at(robot, joint))
     for link in robot.model.links.values():
         yield SearchResult(
             "link", link_path(robot.name, robot.model, link.name), f"{link.name} of {robot.title}", robot.name
@@ -182,8 +177,9 @@ def _parts(context: MessageContext, robot: Robot) -> Iterator[SearchResult]:
 
 
 def _values(context: MessageContext, robot: Robot, joint: Joint, kind: str) -> dict[str, Any]:
-    iri = context.view.base + joint_path(robot.name, joint.name)
-    return {"type": kind, "values": [f"{iri}/{each.segment}" for each in joint_properties(robot, joint)]}
+    base = context.view.base
+    iri = base + joint_path(robot.name, joint.name)
+    return {"type": kind, "values": [f"{iri}/{each.segment}" for each in properties_at(base, robot, joint)]}
 
 
 def _actions(context: MessageContext, offers: list[Offer]) -> Iterator[SearchResult]:

@@ -22,9 +22,7 @@ from linked_fleet_gateway.extensions.mcp.extension import McpSettings
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
 from linked_fleet_gateway.extensions.mcp.read_tools import Find, Query, Read, contents, resources, templates
 from linked_fleet_gateway.extensions.mcp.tool import Tool, failure_result, refusal_result
-from linked_fleet_gateway.http.internal_request import ReplyTooLong
-from linked_fleet_gateway.http.problem import problem_body
-from linked_fleet_gateway.http.scheduling import bucket_key
+from linked_fleet_gateway.serving import ReplyTooLong, problem
 
 MOST_CALLS = 32
 """Unfinished tool calls per client. Calls that stop robots do not count."""
@@ -51,21 +49,21 @@ class Handlers:
         self._calls: Counter[str] = Counter()
 
     async def list_tools(self, context: _Context, params: object) -> types.ListToolsResult:
-        queries = _message(context).branches.fleet_branch("query") is not None
+        queries = _message(context).core.live.branches.fleet_branch("query") is not None
         return types.ListToolsResult(tools=[each.definition() for each in TOOLS if queries or each is not Query])
 
     async def call_tool(self, context: _Context, params: types.CallToolRequestParams) -> types.CallToolResult:
         message, name = _message(context), params.name
         if name not in _BY_NAME:
             raise MCPError(types.INVALID_PARAMS, f"Unknown tool: {name[:100]}")
-        client = "" if name == "stop" else bucket_key(message.request.scope)
+        client = "" if name == "stop" else message.request.client_key
         if client and self._calls[client] >= MOST_CALLS:
             return failure_result(f"{MOST_CALLS} of your calls have not ended yet; wait for one of them.")
         self._calls[client] += 1
         try:
             return await _BY_NAME[name].call(message, params.arguments or {}, context.session.report_progress)
         except FleetError as error:
-            return refusal_result(loads(problem_body(error, None)[0]))
+            return refusal_result(loads(problem(error, None)[0]))
         except ReplyTooLong as error:
             return failure_result(f"{error} Read a part of it.")
         finally:
@@ -93,7 +91,8 @@ class Sessions(StreamableHTTPSessionManager):
     most_of_client = 0
 
     async def handle_request(self, scope: Scope, receive: Receive, send: Send) -> None:
-        user = AuthenticatedUser(AccessToken(token="", client_id=bucket_key(scope), scopes=[]))
+        message: MessageContext = scope["extensions"][KEY]
+        user = AuthenticatedUser(AccessToken(token="", client_id=message.request.client_key, scopes=[]))
         await super().handle_request({**scope, "user": user}, receive, send)
 
     def _admit_session(self, requestor: AuthorizationContext | None) -> StreamableHTTPServerTransport | None:

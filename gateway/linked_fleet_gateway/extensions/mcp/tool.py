@@ -14,7 +14,7 @@ from mcp_types import CallToolResult, ContentBlock, ImageContent, TextContent
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
-from linked_fleet_gateway.http.internal_request import Reply
+from linked_fleet_gateway.serving import Reply
 
 
 def content_result(reply: Reply, note: str = "") -> CallToolResult:

@@ -11,34 +11,39 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
-from typing import Any, NamedTuple
+from typing import Any
 
 from starlette.responses import Response
 
+from linked_fleet_gateway.api import (
+    Container,
+    Content,
+    Core,
+    Extension,
+    FleetBranch,
+    Found,
+    Mount,
+    Request,
+    RequestView,
+    Resource,
+    read_resource,
+    time_sliced,
+)
 from linked_fleet_gateway.extensions.openapi.components import components
-from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
-from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives, forbid_other_members, merge_null
-from linked_fleet_gateway.http.containers import container_operations
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.negotiation import compress
-from linked_fleet_gateway.http.operations import (
+from linked_fleet_gateway.extensions.openapi.containers import container_operations
+from linked_fleet_gateway.extensions.openapi.operations import (
     component_ref,
     error_responses,
     get_operation,
     path_item,
-    rdf_get_operation,
     write_operation,
 )
-from linked_fleet_gateway.http.preconditions import await_preconditions
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
+from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives, forbid_other_members, merge_null
+from linked_fleet_gateway.faces import Json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LDP
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.resources.container import Container
-from linked_fleet_gateway.resources.json_form import Json
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import time_sliced
+from linked_fleet_gateway.serving import await_preconditions
 
 PATH = "/openapi.json"
 TYPE = "application/vnd.oai.openapi+json;version=3.1"
@@ -47,13 +52,6 @@ _KEPT = 8
 _PART = "OpenAPI"  # in faults
 _METHODS = ("get", "put", "post", "patch", "delete")
 _ALWAYS, _SECURED = ("400", "404", "406", "421", "429", "431", "500", "503"), ("401", "403")
-
-
-class Document(NamedTuple):
-    """A description, and the same in gzip."""
-
-    body: bytes
-    coded: bytes
 
 
 class Documents:
@@ -66,10 +64,10 @@ class Documents:
     ) -> None:
         """Create the cache; ``containers`` returns those whose operations follow from their shapes."""
         self._extensions, self._containers = list(extensions), containers
-        self._made: OrderedDict[bytes, Document] = OrderedDict()
+        self._made: OrderedDict[bytes, Content] = OrderedDict()
         self._turn = asyncio.Lock()
 
-    async def document(self, view: RequestView) -> Document:
+    async def document(self, view: RequestView) -> Content:
         """Return the description of everything that ``view`` shows."""
         async with self._turn:
             version = await _version(view)
@@ -83,7 +81,7 @@ class Documents:
             self._made.move_to_end(version)
             return self._made[version]
 
-    async def _make(self, view: RequestView) -> Document:
+    async def _make(self, view: RequestView) -> Content:
         fleet = FleetPaths(view)
         async for robot in time_sliced(list(view.robots.values())):
             with view.faults.guard(_PART, robot.name):
@@ -111,7 +109,7 @@ async def _version(view: RequestView) -> bytes:
     return blake2b("\n".join(facts).encode(), digest_size=16).digest()
 
 
-def _written(view: RequestView, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> Document:
+def _written(view: RequestView, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> Content:
     base, secured = view.base, view.requires_authentication
     paths = {**_own_paths(), **dict(fleet.paths()), **more}
     missing = {name: reason for name in view.robots if (reason := view.faults.find(_PART, name))}
@@ -136,7 +134,7 @@ def _written(view: RequestView, fleet: FleetPaths, more: Mapping[str, Mapping[st
     if secured:
         said["security"] = [{"bearer": []}]
     body = json.dumps(said, ensure_ascii=False, allow_nan=False).encode()
-    return Document(body, compress(body))
+    return Content.of(body)
 
 
 def _completed(item: Mapping[str, Any], secured: bool, schemas: dict[str, Json]) -> Json:
@@ -174,7 +172,6 @@ def _own_paths() -> dict[str, Json]:
     described: Json = {TYPE: {"schema": {"type": "object", "required": ["openapi"]}}, JSON: {}}
     return {
         PATH: path_item({}, get=get_operation("readOpenApi", "This description", described)),
-        "/audit": path_item({}, get=rdf_get_operation("readAudit", "Commands and changes, newest first")),
         "/health/live": path_item({}, get=write_operation("readLive", "The process serves", live)),
     }
 

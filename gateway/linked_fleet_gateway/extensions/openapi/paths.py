@@ -7,19 +7,9 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from pyoxigraph import NamedNode
-
+from linked_fleet_gateway.api import Container, Property, RequestView, joint_path, link_path, robot_path
 from linked_fleet_gateway.extensions.openapi.components import ANNOTATIONS, LOCK_TOKEN
-from linked_fleet_gateway.extensions.openapi.schemas import (
-    example,
-    extract_alternatives,
-    forbid_other_members,
-    generalize_iris,
-    union,
-)
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.fields import LINKSET_TYPES
-from linked_fleet_gateway.http.operations import (
+from linked_fleet_gateway.extensions.openapi.operations import (
     CHANGED_PLACEMENT_RESPONSE,
     CHANGED_RESPONSE,
     ID_SCHEMA,
@@ -38,16 +28,28 @@ from linked_fleet_gateway.http.operations import (
     segment_schema,
     write_operation,
 )
+from linked_fleet_gateway.extensions.openapi.schemas import (
+    example,
+    extract_alternatives,
+    forbid_other_members,
+    generalize_iris,
+    union,
+)
+from linked_fleet_gateway.faces import (
+    Form,
+    Json,
+    Offer,
+    Setting,
+    form_of,
+    form_of_input,
+    form_of_target,
+    offers_at,
+    properties_at,
+)
+from linked_fleet_gateway.fleet.model import Joint, Link
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, offers_of, robot_offers
-from linked_fleet_gateway.resources.body_values import Setting
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.container import Container
-from linked_fleet_gateway.resources.json_form import Form, Json, form_of, form_of_input, form_of_target
-from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
-from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
-from linked_fleet_gateway.resources.property import Property
 
 _FORMAT: Json = {"type": "string", "enum": ["json", "jsonld"], "default": "json"}
 _PICKS = "The format of what is sent."
@@ -179,23 +181,20 @@ class FleetPaths:
         self._robots.note(name)
         if robot.model is None:
             return
-        own = robot_properties(robot, lambda path: NamedNode(self._base + path))
-        self._note(name, "", "", own, robot_offers(robot))
+        self._note(robot, None, name)
         for joint in robot.model.joints.values():
-            part = last_segment(joint_path(robot.name, joint.name))
-            self._note(name, part, "joint", joint_properties(robot, joint), joint_offers(robot, joint))
+            self._note(robot, joint, name, last_segment(joint_path(robot.name, joint.name)), "joint")
         for link in robot.model.links.values():
-            part = last_segment(link_path(robot.name, robot.model, link.name))
-            self._note(name, part, "link", link_properties(robot, link), ())
+            self._note(robot, link, name, last_segment(link_path(robot.name, robot.model, link.name)), "link")
 
-    def _note(self, robot: str, part: str, kind: str, items: Iterable[Property], offers: Iterable[Offer]) -> None:
+    def _note(self, of: Robot, thing: Joint | Link | None, robot: str, part: str = "", kind: str = "") -> None:
         if part:
             self._parts.note(robot, part, kind)
-        for item in items:
+        for item in properties_at(self._base, of, thing):
             found = self._properties.setdefault((bool(part), item.segment), _CommonPath())
             found.note(robot, part, kind)
             found.items.append(item)
-        for offer in offers:
+        for offer in offers_at(of, thing):
             found = self._actions.setdefault((bool(part), offer.definition.segment), _CommonPath())
             found.note(robot, part, kind)
             found.offers.append(offer)
@@ -203,7 +202,7 @@ class FleetPaths:
     def paths(self) -> Iterator[tuple[str, Json]]:
         """Yield path items by template. Each schema of a joint takes about a millisecond."""
         yield from _thing("/", {}, "Fleet").items()
-        for offer in fleet_offers():
+        for offer in offers_at(None):
             name = capitalized(offer.definition.segment)
             yield from action_paths(offer.path, name, {}, [offer], self._body(name, [offer], form_of_input)).items()
         yield "/vocabulary", path_item({}, get=rdf_get_operation("readVocabulary", "Terms and shapes"))
@@ -229,7 +228,7 @@ class FleetPaths:
     def of_members(self, container: Container[Any]) -> Iterator[tuple[str, Json]]:
         """Yield the path items of the actions of the members of a container."""
         thing, parameters = f"{container.path}/{{id}}", {"id": ID_SCHEMA}
-        for offer in offers_of(container.member_type, thing, container.title):
+        for offer in container.offers(thing, container.title):
             name = capitalized(offer.definition.segment) + capitalized(container.segment.strip("~"))
             body = self._body(name, [offer], form_of_input)
             yield from action_paths(offer.path, name, parameters, [offer], body).items()
@@ -304,7 +303,10 @@ _FORGET: Json = write_operation(
 
 
 def _thing(template: str, parameters: Parameters, kind: str, **methods: Json) -> dict[str, Json]:
-    stem, linkset = template.rstrip("/"), {LINKSET_TYPES[0]: {"schema": {"type": "object", "required": ["linkset"]}}}
+    stem, linkset = (
+        template.rstrip("/"),
+        {"application/linkset+json": {"schema": {"type": "object", "required": ["linkset"]}}},
+    )
     whole, blueprint = resource_path_items(
         stem, parameters, kind, f"{kind}: description, properties and actions", **methods
     ).values()

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from functools import partial, reduce
 from typing import Any
 
-from linked_fleet_gateway.resources.json_form import Json
+from linked_fleet_gateway.faces import Json
 
 _MOST_BRANCHES = 16
 _LOWER, _UPPER = ("minimum", "exclusiveMinimum"), ("maximum", "exclusiveMaximum")

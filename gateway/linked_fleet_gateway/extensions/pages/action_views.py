@@ -10,8 +10,8 @@ from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.thing_views import actions, unchecked_links
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, State, Value
 from linked_fleet_gateway.extensions.pages.views import Part
-from linked_fleet_gateway.rdf.turtle import Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, PROV, RDFS
+from linked_fleet_rdf.turtle import Term
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form

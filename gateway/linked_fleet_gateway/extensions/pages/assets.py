@@ -1,8 +1,4 @@
-"""The scripts and styles of the pages, and thumbnails of robots, as resources.
-
-Scripts and styles below ``/assets`` come from `scripts/build`: each is named by its content and never changes. Each
-robot has a thumbnail.
-"""
+"""The scripts and styles of the pages, from `scripts/build`: each is named by its content and never changes."""
 
 import json
 import logging
@@ -13,12 +9,6 @@ from hashlib import blake2b
 from pathlib import Path
 
 from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.extensions.pages.thumbnail import SVG, drawing
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.vocabulary import LDP
-from linked_fleet_gateway.resources.branches import FleetBranch, RequestView, RobotBranch
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import Resource
 
 log = logging.getLogger(__name__)
 
@@ -86,25 +76,9 @@ def add_file(path: Path) -> str:
 
 
 THUMBNAIL = "thumbnail"
+"""Segment of the thumbnail of a robot."""
 
 
-def _asset(view: RequestView, rest: list[str]) -> Resource | None:
-    name = "/".join(rest)
-    found = assets().files.get(name) or _of_views().get(name)
-    if found is None:
-        return None
-    path, documents = "/assets/" + "/".join(rest), {found.media_type: lambda: found.content}
-    return Resource(
-        path, rest[-1], None, (LDP.Resource,), documents=documents, immutable=True, coded_contents=found.coded
-    )
-
-
-def _thumbnail(view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
-    if rest:
-        return None
-    path, title = robot_path(robot.name) + THUMBNAIL, f"Thumbnail of {robot.name}"
-    return Resource(path, title, None, (LDP.Resource,), documents={SVG: lambda: drawing(robot)})
-
-
-BRANCH = FleetBranch("assets", None, _asset)
-THUMBNAILS = RobotBranch(THUMBNAIL, None, _thumbnail)
+def find_asset(name: str) -> Asset | None:
+    """Return the file with this name, of the pages or of views."""
+    return assets().files.get(name) or _of_views().get(name)

@@ -18,12 +18,11 @@ from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts
-from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.faces import Right, describe_request_shape
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, add_closure, load_turtle
-from linked_fleet_gateway.rdf.turtle import Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, VOM, XSD
-from linked_fleet_gateway.resources.subscription_resource import describe_request_shape
+from linked_fleet_rdf.turtle import Term
 
 _NUMBERS = frozenset(URIRef(each.value) for each in NUMERIC)
 _EXACT = frozenset({URIRef(XSD.decimal.value), URIRef(XSD.double.value)})

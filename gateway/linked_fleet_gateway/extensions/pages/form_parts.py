@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.faces import Right
 
 _GRAPHS = frozenset({"turtle"})
 

@@ -19,11 +19,9 @@ from linked_fleet_gateway.extensions.pages.assets import assets
 from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views, places
-from linked_fleet_gateway.http.html import Formats, Reader
-from linked_fleet_gateway.http.representation import FORMATS
-from linked_fleet_gateway.rdf import jsonld
+from linked_fleet_gateway.faces import PageContext, Reader, Resource
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_rdf import jsonld
 
 if TYPE_CHECKING:
     import jinja2
@@ -34,12 +32,17 @@ else:
 _TEMPLATES = Path(__file__).parent / "templates"
 
 
-def write(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats = FORMATS) -> bytes:
+def write(
+    resource: Resource,
+    triples: Sequence[Triple],
+    base: str,
+    context: PageContext,
+    formats: Mapping[str, tuple[str, str]],
+) -> bytes:
     """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
-    view = view_of(resource, triples, base, formats)
+    view = view_of(resource, triples, base, formats, context)
     data = script_json(jsonld.write_jsonld(triples, PREFIXES))
-    reader = Reader(resource.reader, resource.rights, resource.may_read_audit)
-    return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=reader)
+    return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=context.reader)
 
 
 def write_problem(
@@ -54,7 +57,7 @@ def write_problem(
         detail=texts.readable_title(error.detail, root) if root else error.detail,
         instance=instance,
         root=root,
-        places=places(address.path if address else None, bool(reader and reader.may_read_audit)),
+        places=places(address.path if address else None, reader.restricted_paths if reader else ()),
         reader=reader,
         members={name: value for name, value in error.members.items() if value},
         report=report,

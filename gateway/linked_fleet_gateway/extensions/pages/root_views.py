@@ -1,7 +1,7 @@
-"""Views of the resources at the root: the fleet, the audit and the vocabulary.
+"""Views of the resources at the root: the fleet and the vocabulary.
 
-The fleet has a card for each robot, and filters for cards. The audit has caller, request, time and outcome of each
-entry. The vocabulary has an index of its terms by kind, each with its label and comment.
+The fleet has a card for each robot, and filters for cards. The vocabulary has an index of its terms by kind, each with
+its label and comment.
 """
 
 from collections import Counter
@@ -13,9 +13,9 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.assets import THUMBNAIL
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, actions, path_below, presence
-from linked_fleet_gateway.extensions.pages.values import Facts, Link, Time, Value
+from linked_fleet_gateway.extensions.pages.values import Facts, Link, Time
 from linked_fleet_gateway.extensions.pages.views import LF, Part, constant
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PREFIXES, PROV, RDF, RDFS, SH, XSD
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PREFIXES, RDF, RDFS, SH, XSD
 
 LOW_PERCENT = 20.0
 """Charge in percent below which a card says that the battery is low; also in `scripts/src/fleet.js`."""
@@ -90,60 +90,6 @@ def _counts(robots: Sequence[RobotCard]) -> list[tuple[str, int]]:
 def _leads_on(facts: Facts, iri: NamedNode, predicate: NamedNode) -> bool:
     values = facts.all(iri, predicate)
     return all(isinstance(each, NamedNode) and each.value.startswith(facts.root) for each in values)
-
-
-@dataclass(frozen=True)
-class Entry:
-    """A line of the audit. ``state`` colours the outcome; ``result`` links what was created."""
-
-    when: Value | None
-    who: str
-    what: str
-    target: Link
-    robot: Link | None
-    outcome: str
-    state: str
-    result: Link | None
-
-
-def audit(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
-    entries = [_entry(facts, each) for each in members]
-    choices = [
-        ("who", "Who", sorted({each.who for each in entries if each.who})),
-        ("of-robot", "Robot", sorted({each.robot.text for each in entries if each.robot})),
-        ("outcome", "Result", sorted({each.outcome for each in entries})),
-    ]
-    return Part({"entries": entries, "choices": choices}, {LDP.contains}, set(members))
-
-
-def _entry(facts: Facts, iri: NamedNode) -> Entry:
-    what, _, path = facts.text(iri, DCTERMS.title).partition(" ")
-    agent = facts.one(iri, PROV.wasAssociatedWith)
-    created = facts.values(iri, DCTERMS.created)
-    robot = facts.one(iri, LF.ofRobot)
-    outcome, state = texts.outcome(_status(facts, iri))
-    made = facts.text(iri, DCTERMS.description)
-    return Entry(
-        created[0] if created else None,
-        facts.text(agent, DCTERMS.title) if agent is not None else "",
-        texts.capitalized(texts.audit_text(what, path)),
-        _link(path, facts),
-        Link(texts.place(robot.value, facts.root), robot.value, robot.value) if isinstance(robot, NamedNode) else None,
-        outcome,
-        state,
-        _link(made, facts) if made and state == "succeeded" else None,
-    )
-
-
-def _status(facts: Facts, iri: NamedNode) -> int | None:
-    found = facts.one(iri, LF.status)
-    return int(found.value) if isinstance(found, Literal) and found.value.isdecimal() else None
-
-
-def _link(path: str, facts: Facts) -> Link:
-    href = facts.root.rstrip("/") + path if path.startswith("/") else ""
-    return Link(texts.capitalized(texts.thing(path, "/")), href, href)
 
 
 _PLAIN = frozenset({RDFS.Class, RDF.Property, SH.NodeShape, SH.PropertyShape})

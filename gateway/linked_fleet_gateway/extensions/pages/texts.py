@@ -15,10 +15,10 @@ from zlib import crc32
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.keys import unescape
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.rdf.shapes import VOCABULARY, added_files, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, RDFS, ROS, XHV
-from linked_fleet_gateway.resources.paths import reserved_at_root, reserved_in_robot
 
 if TYPE_CHECKING:
     from linked_fleet_client import quantity
@@ -131,7 +131,7 @@ def local_name(iri: str) -> str:
 
 def segment_name(segment: str, depth: int) -> str:
     """Return the name that a path segment stands for; ``depth`` is 0 directly below the root."""
-    return _segment_name(segment, reserved_in_robot() if depth else reserved_at_root())
+    return _segment_name(segment, present().in_robot if depth else present().at_root)
 
 
 @lru_cache(maxsize=4096)
@@ -152,7 +152,7 @@ def place(iri: str, root: str) -> str:
 
 def step(segments: Sequence[str], depth: int) -> str:
     """Return the name of a path segment; an id is named by its container, such as "invocation"."""
-    named = depth == 0 or (depth == 1 and segments[0] not in reserved_at_root())  # a robot, a joint or a link
+    named = depth == 0 or (depth == 1 and segments[0] not in present().at_root)  # a robot, a joint or a link
     if not named and is_id(segments[depth]):
         return term_in_words(segments[depth - 1]).removesuffix("s")
     return (
@@ -167,11 +167,11 @@ def is_id(segment: str) -> bool:
 
 def is_gateway_segment(segments: Sequence[str], depth: int) -> bool:
     """Return True for a segment named by the gateway, such as that of an action, rather than by a robot."""
-    reserved = reserved_in_robot() if depth else reserved_at_root()
+    reserved = present().in_robot if depth else present().at_root
     if segments[depth] in reserved or segments[depth - 1 : depth] == ["actions"]:
         return True
     # Below a joint or link all names are those of properties.
-    return depth >= 2 and segments[0] not in reserved_at_root() and segments[1] not in reserved_in_robot()
+    return depth >= 2 and segments[0] not in present().at_root and segments[1] not in present().in_robot
 
 
 def time_text(lexical: str) -> str:
@@ -224,7 +224,7 @@ def thing(iri: str, root: str) -> str:
     found = segments(iri, root)
     if not found:
         return "the fleet"
-    if found[0] in reserved_at_root():
+    if found[0] in present().at_root:
         return " ".join(term_in_words(each) for each in found if not is_id(each))
     return _of_robot(found)
 
@@ -274,38 +274,3 @@ def position(value: float, unit: str) -> str:
         return "an unknown position"
     shown = converted(value, unit) or f"{number(value)} {unit}".rstrip()
     return shown.replace("-", "\N{MINUS SIGN}")
-
-
-# -- the audit ------------------------------------------------------------------------------------------------------
-
-_DONE = {
-    "PUT": "set",
-    "POST": "add to",
-    "PATCH": "change",
-    "DELETE": "delete",
-    "subscribe": "subscribe to",
-    "unsubscribe": "end a subscription to",
-}
-
-
-def audit_text(what: str, path: str) -> str:
-    """Describe an audited request in words; ``what`` is its method, or the event of a stream."""
-    found = segments(path, "/")
-    if what == "RULE":
-        return f"by a rule: {task(path, '/')}"
-    if _ACTIONS in found[:-1] and what in ("PUT", "POST"):
-        return task(path, "/")
-    if what == "DELETE" and "invocations" in found[:-1]:
-        return f"stop {task(path, '/')}"
-    if what == "POST" and found[-1:] == ["subscriptions"]:
-        return f"subscribe to {thing('/'.join(found[:-1]), '/')}"
-    return f"{_DONE.get(what, term_in_words(what))} {thing(path, '/')}"
-
-
-def outcome(status: int | None) -> tuple[str, str]:
-    """Return the outcome of a request in words and as a state; ``status`` is None without a response."""
-    if status is None:
-        return "ended", "idle"
-    if status < 400:
-        return "done", "succeeded"
-    return (f"refused ({status})", "cancelled") if status < 500 else (f"failed ({status})", "failed")

@@ -10,8 +10,8 @@ from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import robot_panel, texts
 from linked_fleet_gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
 from linked_fleet_gateway.extensions.pages.views import LF, Part, constant
-from linked_fleet_gateway.rdf.turtle import Subject, Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, ROS, SOSA
+from linked_fleet_rdf.turtle import Subject, Term
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form
@@ -182,7 +182,7 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "pose": facts.iri_of(iri, LF.pose),
         "placement": facts.iri_of(iri, LF.placement),
         "objects": constant("objects"),
-        "model": path_below(getattr(facts.one(iri, LF.model), "value", f"{iri.value}model"), facts.root),
+        "model": _model(facts, iri),
         "tasks": [facts.link(each) for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)],
         "panel": panel,
         "actions": robot_panel.other_actions(actions(facts, iri), panel),
@@ -256,6 +256,13 @@ def _pose(facts: Facts, node: Term) -> NamedPose:
         if isinstance(joint := facts.one(each, LF.ofJoint), NamedNode)
     ]
     return NamedPose(facts.text(node, DCTERMS.title) if isinstance(node, BlankNode) else "", targets)
+
+
+def _model(facts: Facts, iri: NamedNode) -> str:
+    """Return the path of the model, also of one that is still to come; empty if a described robot has none."""
+    stated = facts.one(iri, LF.model)
+    awaited = facts.one(iri, LF.rootLink) is None
+    return path_below(getattr(stated, "value", f"{iri.value}model"), facts.root) if stated or awaited else ""
 
 
 def _first(facts: Facts, subject: Term | None, predicate: NamedNode) -> Value | None:

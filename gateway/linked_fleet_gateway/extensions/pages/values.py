@@ -9,8 +9,8 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import texts
-from linked_fleet_gateway.rdf.turtle import Outline, Subject, Term
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, NUMERIC, PREFIXES, QUDT, RDF, SOSA, VOM, XSD
+from linked_fleet_rdf.turtle import Outline, Subject, Term
 
 if TYPE_CHECKING:
     from linked_fleet_client import quantity

@@ -8,25 +8,22 @@ from typing import Any
 
 from pyoxigraph import NamedNode, Triple
 
+from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import action_views, texts
 from linked_fleet_gateway.extensions.pages import thing_views as things
-from linked_fleet_gateway.extensions.pages.root_views import audit, fleet, vocabulary
+from linked_fleet_gateway.extensions.pages.root_views import fleet, vocabulary
 from linked_fleet_gateway.extensions.pages.thing_views import DescribedSubject, describe_subject
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, files_of, places
-from linked_fleet_gateway.http.html import Formats
+from linked_fleet_gateway.faces import PageContext, Resource, lease_path, offers_at
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
-from linked_fleet_gateway.resources.action_offer import robot_offers
-from linked_fleet_gateway.resources.paths import lease_path, reserved_at_root
-from linked_fleet_gateway.resources.resource import Resource
 
 log = logging.getLogger(__name__)
 
 # The first type of a resource found in this order decides its kind.
 _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     LF.Fleet: ("fleet", fleet),
-    LF.Audit: ("audit", audit),
     LF.InvocationList: ("invocations", action_views.invocations),
     OWL.Ontology: ("vocabulary", vocabulary),
     LF.Robot: ("robot", things.robot),
@@ -63,7 +60,7 @@ class View:
     iri: str
     query: str
     documents: Sequence[str]
-    offered: Formats
+    offered: Mapping[str, tuple[str, str]]
     root: str
     kind: str
     title: str
@@ -87,27 +84,37 @@ class View:
     @property
     def formats(self) -> list[tuple[str, str, str]]:
         """Name, media type and address of every other representation."""
-        rest = f"&{self.query}" if self.query else ""
+        address, rest = self._address, f"&{self.query}" if self.query else ""
         offered = {*RDF_TYPES, *self.documents}
         return [
-            (name, media_type, f"{self.iri}?as={key}{rest}")
+            (name, media_type, f"{address}?as={key}{rest}")
             for key, (name, media_type) in self.offered.items()
             if media_type in offered
         ]
 
     @property
     def curl(self) -> str:
-        return f"curl -H 'Accept: text/turtle' {shlex.quote(self.iri + (f'?{self.query}' if self.query else ''))}"
+        return f"curl -H 'Accept: text/turtle' {shlex.quote(self._address + (f'?{self.query}' if self.query else ''))}"
+
+    @property
+    def _address(self) -> str:
+        return self.iri.partition("?")[0]  # the IRI of some resources has the query
 
 
-def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: Formats) -> View:
+def view_of(
+    resource: Resource,
+    triples: Sequence[Triple],
+    base: str,
+    formats: Mapping[str, tuple[str, str]],
+    context: PageContext,
+) -> View:
     """Return the view of a resource; ``base`` is scheme and authority, without a slash at its end."""
     iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/")
     kind, part, files = _kind(facts, iri)
-    subscriptions = facts.one(iri, HYBRIT.subscriptions) if resource.links_subscriptions else None
+    subscriptions = facts.one(iri, HYBRIT.subscriptions) if context.links_subscriptions else None
     return View(
         iri=iri.value,
-        query=resource.query,
+        query=context.query,
         documents=tuple(resource.documents),
         offered=formats,
         root=facts.root,
@@ -132,8 +139,8 @@ def view_of(resource: Resource, triples: Sequence[Triple], base: str, formats: F
         others=[
             describe_subject(facts, each) for each in facts.outline.headings if each != iri and each not in part.done
         ],
-        places=places(resource.path, resource.may_read_audit, root=facts.root),
-        warning=resource.warning,
+        places=places(resource.path, context.reader.restricted_paths, root=facts.root),
+        warning=context.warning,
         scripts=[each for each in files if each.endswith(".js")],
         styles=[each for each in files if each.endswith(".css")],
     )
@@ -174,7 +181,7 @@ def _crumbs(path: str, root: str) -> list[tuple[str, str]]:
     crumbs = [("Fleet", root)]
     for depth, segment in enumerate(segments):
         address = root + "/".join(segments[: depth + 1])
-        robot = depth == 0 and segment not in reserved_at_root()
+        robot = depth == 0 and segment not in present().at_root
         if segment not in _NOT_SERVED:
             crumbs.append((texts.step(segments, depth), address + ("/" if robot else "")))
     return [*crumbs[:-1], (crumbs[-1][0], "")]
@@ -183,7 +190,7 @@ def _crumbs(path: str, root: str) -> list[tuple[str, str]]:
 def _stop(resource: Resource, root: str) -> tuple[str, str]:
     """Return the robot's own stop action on pages below the robot, if it has one; else that of the whole fleet."""
     head, robot = resource.path[1:].partition("/")[0], resource.source.robot
-    able = robot is None or any(each.definition.iri == LF.StopRobot for each in robot_offers(robot))
-    if head and head not in reserved_at_root() and able:
+    able = robot is None or any(each.definition.iri == LF.StopRobot for each in offers_at(robot))
+    if head and head not in present().at_root and able:
         return texts.segment_name(head, 0), f"{root}{head}/actions/stop"
     return "all", f"{root}actions/stopAll"

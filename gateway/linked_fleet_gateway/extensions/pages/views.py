@@ -1,10 +1,10 @@
 """Views and navigation of pages, to which other extensions add theirs, and terms of extensions that pages look for.
 
 A view is a template and a function for one kind of resource. The navigation of all pages has the fleet, entries of
-enabled extensions, and the audit.
+enabled extensions.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence, Set
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -14,12 +14,11 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages.assets import add_file
 from linked_fleet_gateway.extensions.pages.values import Facts
-from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.rdf.turtle import Subject
+from linked_fleet_gateway.faces import NavigationEntry
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.resources.paths import AUDIT
+from linked_fleet_rdf.turtle import Subject
 
-LF = CORE.extended("Directory cameras history placement world")
+LF = CORE.extended("Audit Directory Model cameras history model placement world")
 
 
 @dataclass(frozen=True)
@@ -96,7 +95,6 @@ def constant(name: str) -> str:
 
 
 _FLEET = NavigationEntry("Fleet", "/", 0)
-_AUDIT = NavigationEntry("Audit", AUDIT, 90)
 
 
 @dataclass(frozen=True)
@@ -115,16 +113,18 @@ def set_entries(entries: Iterable[NavigationEntry]) -> None:
 
 def places(
     path: str | None = None,
-    audited: bool = False,
+    restricted_paths: Collection[str] = (),
     entries: Iterable[NavigationEntry] | None = None,
     root: str = "/",
 ) -> list[Place]:
-    """Return the ordered entries for the page at ``path``; ``audited``: whether the reader may read the audit.
+    """Return the ordered entries for the page at ``path``; ``restricted_paths``: those of restricted entries
+    that the reader may read.
 
     ``entries``: those of extensions, if not set before; ``root``: the address of the fleet.
     """
     added = _added().entries if entries is None else entries
-    shown = sorted([_FLEET, *added, *([_AUDIT] if audited else [])], key=lambda each: each.rank)
+    readable = [each for each in (_FLEET, *added) if not each.restricted or each.path in restricted_paths]
+    shown = sorted(readable, key=lambda each: each.rank)
     here = _section(path, shown)
     return [Place(each.title, root + each.path[1:], _current(path, each) if each is here else "") for each in shown]
 

@@ -7,19 +7,15 @@ from typing import ClassVar
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.api import Demand, FleetBranch, Found, RequestView, Resource, Right, robot_path
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
 from linked_fleet_gateway.extensions.query.functions import FUNCTIONS, LF
 from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES
 from linked_fleet_gateway.extensions.query.service import Queries
-from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.faces import VOCABULARY
+from linked_fleet_gateway.fleet.functions import added_functions
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, FORMAT, PREFIXES, RDFS, SD, SH, VOID
-from linked_fleet_gateway.resources.affordance import EVERYTHING, Demand, Honours
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.resources.documents import VOCABULARY
-from linked_fleet_gateway.resources.fleet_functions import added_functions
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import Resource
 
 PATH = "/query"
 FORM = "application/x-www-form-urlencoded"
@@ -46,7 +42,7 @@ class PostQuery:
     methods: ClassVar[tuple[str, ...]] = ("POST",)
     body_types: ClassVar[tuple[str, ...]] = QUERY_TYPES
     reads: ClassVar[bool] = True
-    honours: ClassVar[Honours] = EVERYTHING - {Demand.RESPONSE}  # a query changes nothing
+    honours: ClassVar[frozenset[Demand]] = frozenset(Demand) - {Demand.RESPONSE}  # a query changes nothing
     needs: ClassVar[tuple[Right, ...]] = (Right.READ,)
 
 

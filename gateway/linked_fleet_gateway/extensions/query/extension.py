@@ -9,12 +9,24 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qsl, urljoin
 
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    Mount,
+    NavigationEntry,
+    Request,
+    RequestView,
+    Resource,
+    body_type,
+    choose,
+    read_resource,
+)
+from linked_fleet_gateway.base.errors import PROBLEM_JSON, BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.query.description import (
     FORM,
@@ -25,23 +37,13 @@ from linked_fleet_gateway.extensions.query.description import (
     branch,
     endpoint_resource,
 )
+from linked_fleet_gateway.extensions.query.operations import operations
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
-from linked_fleet_gateway.http.body import read_body
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.html import HTML, NavigationEntry
-from linked_fleet_gateway.http.negotiation import choose, parse_content_type
-from linked_fleet_gateway.http.operations import RDF_CONTENT, parameter, path_item, write_operation
-from linked_fleet_gateway.http.preconditions import await_preconditions
-from linked_fleet_gateway.http.problem import PROBLEM_JSON, problem
-from linked_fleet_gateway.http.read import read_resource as read_resource
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import Offload
-from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, Dataset, Query, parse_query
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import Json
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, Query, parse_query
+from linked_fleet_gateway.faces import HTML
+from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
+from linked_fleet_gateway.serving import await_preconditions, problem, read_body
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.query import page
@@ -80,28 +82,18 @@ async def read_query(request: Request, resource: Resource, endpoint: Endpoint) -
     said = _pairs(request.scope["query_string"])
     if any(name in ("query", "update") for name, _ in said):
         return await _answer(request, endpoint, _asked(said, request.base))
-    answer = endpoint_resource(endpoint, await _counts(endpoint, request.caller_name)).with_reader_of(resource)
+    answer = endpoint_resource(endpoint, await _counts(endpoint, request.caller_name))
     await await_preconditions(request, answer)
     return read_resource(request, answer)
 
 
 async def post_query(request: Request, affords: PostQuery) -> Response:
     """Answer a query in the body, either as plain text or as a form (SPARQL 1.1 Protocol, 2.1.2, 2.1.3)."""
-    media_type, _ = parse_content_type(field(request, "content-type"))
-    if media_type == _UPDATE:
+    if (request.field("content-type") or "").partition(";")[0].strip().lower() == _UPDATE:
         raise UnsupportedMediaType(
             "SPARQL updates are not supported; robots are moved by their actions.", offered=QUERY_TYPES
         )
-    if media_type not in QUERY_TYPES:
-        raise UnsupportedMediaType(
-            f"{media_type} is not supported here; use {' or '.join(QUERY_TYPES)}.", offered=QUERY_TYPES
-        )
-    coding = (field(request, "content-encoding") or "identity").strip().lower()
-    if coding != "identity":
-        raise UnsupportedMediaType(
-            f"Content-Encoding {coding} is not supported.", headers={"Accept-Encoding": "identity"}
-        )
-    if media_type == FORM:
+    if body_type(request, QUERY_TYPES) == FORM:
         return await _answer(request, affords.endpoint, _asked(_pairs(await read_body(request, _most())), request.base))
     body = await read_body(request)
     said = _pairs(request.scope["query_string"])
@@ -153,7 +145,7 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> 
         return await _evaluated(request, endpoint, asked)
     except FleetError as error:
         html = request.services.representations.html
-        accept = field(request, "accept") if asked.picked is None else _PICKED.get(asked.picked)
+        accept = request.field("accept") if asked.picked is None else _PICKED.get(asked.picked)
         if html is None or choose(accept, (PROBLEM_JSON, *RDF_TYPES, HTML)) != HTML:
             raise
         _, headers = problem(error, HTML, html=html)
@@ -164,8 +156,9 @@ async def _answer(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> 
 
 
 async def _evaluated(request: Request, endpoint: Endpoint, asked: _ParsedQuery) -> Response:
-    offload: Offload = request.services.offload
-    query = await offload.run(partial(parse_query, asked.query, request.base + PATH), len(asked.query), _SHORT)
+    query = await request.services.offload.run(
+        partial(parse_query, asked.query, request.base + PATH), len(asked.query), _SHORT
+    )
     media_type = _chosen(request, query, asked.picked)
     body = await endpoint.queries.run(
         query,
@@ -188,7 +181,7 @@ def _chosen(request: Request, query: Query, picked: str | None) -> str:
         offered = tuple(each for each in offered if each != HTML)
     if picked is not None and picked not in _PICKED:
         raise NotAcceptable(f"&as= picks one of {', '.join(_PICKED)}.", offered=tuple(_PICKED))
-    accept = field(request, "accept") if picked is None else _PICKED[picked]
+    accept = request.field("accept") if picked is None else _PICKED[picked]
     chosen = choose(accept, offered)
     if chosen is None:
         raise NotAcceptable(f"Results of {query.form} are available as {', '.join(offered)}.", offered=offered)
@@ -218,7 +211,7 @@ class QueryExtension(Extension):
 
         return (page.VIEW,)
 
-    def operations(self, view: RequestView) -> Mapping[str, Json]:
+    def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
 
     @asynccontextmanager
@@ -230,25 +223,3 @@ class QueryExtension(Extension):
                 writers={PostQuery: post_query},
                 services=(queries,),
             )
-
-
-_TEXT: Json = {"type": "string", "minLength": 1, "maxLength": MAX_QUERY_BYTES, "examples": ["ASK { ?s ?p ?o }"]}
-_LONGEST_IN_URL = 1000
-"""Limit of characters of a query in a URL, where each may take a dozen; longer ones are sent by POST."""
-_RESULTS: Json = {"schema": {"type": "object", "required": ["head"]}}
-_ANSWERS: Json = {JSON_RESULTS: _RESULTS, JSON: _RESULTS, "application/sparql-results+xml": {}, "text/csv": {}}
-
-
-def operations(view: RequestView) -> dict[str, Json]:
-    """Return the path items for queries by GET and POST (SPARQL 1.1 Protocol, 2.1), with results by query form."""
-    short = _TEXT | {"maxLength": _LONGEST_IN_URL}
-    query = parameter("query", "query", short, "A query of SPARQL 1.1; without one, the endpoint describes itself.")
-    found: Json = {"200": {"description": "The result.", "content": {**_ANSWERS, **RDF_CONTENT}}}
-    body: Json = {"application/sparql-query": {"schema": _TEXT}}
-    return {
-        PATH: path_item(
-            {},
-            get=write_operation("query", "Ask the whole fleet", found, None, [query]),
-            post=write_operation("postQuery", "Ask the whole fleet by a long query", found, body),
-        )
-    }

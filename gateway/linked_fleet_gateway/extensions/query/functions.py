@@ -5,12 +5,12 @@ from collections.abc import Collection, Mapping
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.faces import relative_pose, round_to_resolution
+from linked_fleet_gateway.fleet.functions import Function, Term, path_of
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import number
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
-from linked_fleet_gateway.resources.relative_poses import relative_pose, round_to_resolution
 
 LF = CORE.extended("query poseIn distance example")
 

@@ -14,10 +14,10 @@ from msgspec import Struct
 
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.base.contributions import Contributions, present
+from linked_fleet_gateway.faces import Reader
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.http.html import NOBODY, Reader
 
 log = logging.getLogger(__name__)
 
@@ -85,9 +85,9 @@ class QueryRequest(Struct, frozen=True, kw_only=True):
 
     news: News
     query: str
-    navigation: list[tuple[str, str, int]] = []
+    navigation: list[tuple[str, str, int, bool]] = []
     """Navigation entries of extensions on result pages: title, path and rank."""
-    reader: Reader = NOBODY
+    reader: Reader = Reader()
     base: str
     base_iri: str
     patterns: tuple[str, ...]

@@ -16,7 +16,7 @@ from linked_fleet_gateway.extensions.pages.views import PageView, Part, Place, a
 from linked_fleet_gateway.extensions.query.examples import EXAMPLES
 from linked_fleet_gateway.extensions.query.functions import LF
 from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refused, size_refusal
-from linked_fleet_gateway.http.html import NOBODY, NavigationEntry, Reader
+from linked_fleet_gateway.faces import NavigationEntry, Reader
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
 
 _CELL_BYTES = 64
@@ -46,12 +46,12 @@ class Problem:
 def preload() -> None:
     """Load everything that pages need: afterwards no file can be opened."""
     add_view(VIEW)  # its folder contains the template
-    _page("", "http://localhost", [], NOBODY)
+    _page("", "http://localhost", [], Reader())
 
 
 def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: QueryRequest) -> bytes:
     """Return the result as a page. Raises Refused if it is too large."""
-    entries = places("/query", ask.reader.may_read_audit, entries=[NavigationEntry(*each) for each in ask.navigation])
+    entries = places("/query", ask.reader.restricted_paths, entries=[NavigationEntry(*each) for each in ask.navigation])
     if isinstance(result, QueryBoolean):
         summary, formats = "Yes." if result else "No.", _formats(ask, ("json", "xml"))
         return _page(ask.query, ask.base, entries, ask.reader, summary=summary, formats=formats)
@@ -70,7 +70,7 @@ def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Query
 def refusal_page(query: str, base: str, reader: Reader, error: FleetError) -> bytes:
     """Return a page with the query and the reason for its refusal."""
     line, column = (error.line, error.column) if isinstance(error, BadRequest) else (None, None)
-    entries = places("/query", reader.may_read_audit)
+    entries = places("/query", reader.restricted_paths)
     return _page(query, base, entries, reader, problem=Problem(error.title, error.detail, line or 0, column or 0))
 
 

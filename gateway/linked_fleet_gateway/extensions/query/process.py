@@ -8,9 +8,12 @@ import logging
 import socket
 import time
 from asyncio.subprocess import DEVNULL
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import islice
 
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.api import robot_path
 from linked_fleet_gateway.base.errors import BadRequest, Busy, FleetError, LibraryMissing
 from linked_fleet_gateway.extensions.query.messages import (
     DONE,
@@ -30,9 +33,7 @@ from linked_fleet_gateway.extensions.query.turns import QueryTooCostly, ResultTo
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.resources.branches import Branches
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
+from linked_fleet_gateway.serving import Worker
 
 log = logging.getLogger(__name__)
 
@@ -45,14 +46,18 @@ _CHUNK = 256 * 1024
 _ALONE = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
+Links = Callable[[Robot, str], Sequence[tuple[NamedNode, str]]]
+"""Returns predicate and path of the branches that the description of a robot at a path links."""
+
+
 class Feed:
     """The state known to one query process.
 
     Call ``news`` and encode its result in one turn of the event loop, because it refers to live objects.
     """
 
-    def __init__(self, fleet: Fleet, invocations: Invocations, branches: Callable[[], Branches]) -> None:
-        self._fleet, self._invocations, self._branches = fleet, invocations, branches
+    def __init__(self, fleet: Fleet, invocations: Invocations, links: Links) -> None:
+        self._fleet, self._invocations, self._links = fleet, invocations, links
         self._said: dict[str, tuple[object, ...]] = {}
         self._frames: dict[str, bytes | None] = {}
 
@@ -61,7 +66,7 @@ class Feed:
         robots, frames = [], {}
         for name, robot in self._fleet.robots.items():
             invocations = recent_invocations(self._invocations, name)
-            branches = self._branches().robot_links(robot, robot_path(name))
+            branches = self._links(robot, robot_path(name))
             key = _key(robot, invocations, branches)
             if key != self._said.get(name):
                 self._said[name] = key
@@ -115,7 +120,7 @@ def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -
 class QueryProcess:
     """The process and its feed; ``feed`` creates one for a process without any state."""
 
-    def __init__(self, feed: Callable[[], Feed], idle_s: float = IDLE_S) -> None:
+    def __init__(self, feed: Callable[[], Feed], idle_s: float = Worker.IDLE_S) -> None:
         self._new_feed = feed
         self._feed = feed()
         self._control: socket.socket | None = None

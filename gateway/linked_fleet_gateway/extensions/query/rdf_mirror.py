@@ -12,18 +12,28 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store, Triple
 
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror, MirroredRobot
+from linked_fleet_gateway.faces import (
+    VOCABULARY,
+    Describer,
+    Measurement,
+    Property,
+    describe_invocation,
+    describe_lease,
+    describe_terms,
+    invocation_path,
+    joint_path,
+    last_frame,
+    link_path,
+    robot_of,
+    robot_path,
+    run_steps,
+)
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.describe import Describer, last_frame
-from linked_fleet_gateway.resources.documents import VOCABULARY, describe_terms
-from linked_fleet_gateway.resources.invocation import describe_invocation, describe_lease, invocation_path
-from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_of, robot_path
-from linked_fleet_gateway.resources.property import Measurement, Property
-from linked_fleet_gateway.resources.resource import run_steps
 
 SHAPES = "/blueprint"
 

@@ -14,15 +14,13 @@ from pyoxigraph import (
     serialize,
 )
 
+from linked_fleet_gateway.api import NavigationEntry
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, QueryRequest
 from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
+from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, Query, check_select, parse_query
 from linked_fleet_gateway.extensions.query.turns import FairTurns
-from linked_fleet_gateway.http.html import HTML, NOBODY, NavigationEntry, Reader
-from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.rdf.sparql_syntax import Dataset, Query, check_select, parse_query
-from linked_fleet_gateway.resources.access_filter import InvocationsInView, RobotsInView
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.faces import HTML, Reader, View
+from linked_fleet_gateway.serving import Live
 
 LIMIT_S = 5.0
 """Limit of processor time for the evaluation of one query, in seconds."""
@@ -32,6 +30,7 @@ MAX_SELECTED_BYTES = 2**20
 JSON_RESULTS = "application/sparql-results+json"
 
 Term = NamedNode | BlankNode | Literal
+_NOBODY = Reader()
 
 
 class Queries:
@@ -40,9 +39,11 @@ class Queries:
     def __init__(self, live: Live, limit_s: float = LIMIT_S, navigation: Sequence[NavigationEntry] = ()) -> None:
         """Create the service; ``navigation`` are the entries of extensions for result pages."""
         self._live, self._limit_s = live, limit_s
-        self._navigation = [(each.title, each.path, each.rank) for each in navigation]
+        self._navigation = [(each.title, each.path, each.rank, each.restricted) for each in navigation]
         self._turns = FairTurns()
-        self._process = QueryProcess(lambda: Feed(live.fleet, live.invocations, lambda: live.branches))
+        self._process = QueryProcess(
+            lambda: Feed(live.fleet, live.invocations, lambda robot, path: live.branches.robot_links(robot, path))
+        )
 
     async def __aenter__(self) -> "Queries":
         return self
@@ -105,7 +106,7 @@ class Queries:
         instead: Sequence[HypotheticalRobot] = (),
         most: int = MAX_RESULT_BYTES,
         only_check: bool = False,
-        reader: Reader = NOBODY,
+        reader: Reader = _NOBODY,
     ) -> bytes:
         """Return the result in a media type that suits the query form.
 
@@ -115,9 +116,7 @@ class Queries:
         asked = query.dataset if dataset is None or dataset == Dataset() else dataset
 
         def make(feed: Feed) -> QueryRequest:
-            robots = RobotsInView(self._live.fleet.robots, sees)
-            invocations = InvocationsInView(self._live.invocations, sees)
-            view = RequestView(base, robots, invocations, sees)
+            view = self._live.tree(base, sees).view
             return QueryRequest(
                 news=feed.news(),
                 query=query.text,
@@ -129,7 +128,7 @@ class Queries:
                 default=asked.default,
                 named=asked.named,
                 branches=[(term.value, path) for term, path in self._live.branches.fleet_links()],
-                invocations=[each for each in feed.fleet_invocations() if invocations.get(each.id) is not None],
+                invocations=[each for each in feed.fleet_invocations() if view.invocations.get(each.id) is not None],
                 graphs=[(path, _n_triples(said)) for path, said in self._live.branches.graphs(view)],
                 media_type=media_type,
                 most_bytes=most,

@@ -34,12 +34,9 @@ from linked_fleet_gateway.extensions.query.messages import (
     encode,
 )
 from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES, RdfMirror
-from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.faces import VOCABULARY, Describer, View, run_steps
+from linked_fleet_gateway.fleet.functions import added_functions
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.resources.describe import Describer
-from linked_fleet_gateway.resources.documents import VOCABULARY
-from linked_fleet_gateway.resources.fleet_functions import added_functions
-from linked_fleet_gateway.resources.resource import run_steps
 
 log = logging.getLogger(__name__)
 

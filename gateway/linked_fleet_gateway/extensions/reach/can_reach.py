@@ -12,14 +12,14 @@ from typing import TYPE_CHECKING
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, base_pose, compose, envelope, inverse
-from linked_fleet_gateway.fleet.model import JointKind, ModelError, Pose
+from linked_fleet_gateway.extensions.reach.envelope import envelope
+from linked_fleet_gateway.faces import commandable_joints, thing_at
+from linked_fleet_gateway.fleet.functions import Function, Term, path_of
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, base_pose, compose, inverse
+from linked_fleet_gateway.fleet.model import JointKind, Link, ModelError, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.resources.fleet_functions import Function, Term, path_of
-from linked_fleet_gateway.resources.paths import joint_or_link, robot_name
-from linked_fleet_gateway.resources.shape_parameters import commandable_joints
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver
@@ -34,7 +34,7 @@ TOLERANCE_M = 5e-5
 
 
 class CanReach:
-    """Implements ``linked_fleet_gateway.resources.fleet_functions.FleetFunctions``."""
+    """Implements ``linked_fleet_gateway.fleet.functions.FleetFunctions``."""
 
     names = (LF.canReach,)
 
@@ -66,13 +66,8 @@ class CanReach:
 
 
 def _link(base: str, robots: Mapping[str, Robot], term: Term) -> tuple[Robot, str] | None:
-    head, _, part = path_of(base, term)[1:].partition("/")
-    try:
-        robot = robots[robot_name(head)]
-        link = None if robot.model is None else joint_or_link(part, robot.model)[1]
-    except (KeyError, ValueError):
-        return None
-    return None if link is None else (robot, link)
+    robot, part = thing_at(path_of(base, term), robots) or (None, None)
+    return (robot, part.name) if robot is not None and isinstance(part, Link) else None
 
 
 def _metres(term: Term) -> float | None:

@@ -16,21 +16,28 @@ from uuid import UUID
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.api import (
+    CONTAINER,
+    Core,
+    Extension,
+    Found,
+    Mount,
+    RequestView,
+    Resource,
+    RobotBranch,
+    Source,
+    cancel_tasks,
+    robot_path,
+    supervised,
+)
 from linked_fleet_gateway.extensions.history.files import MCAP, Level, LogMessage, recording
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Excerpt, wall_ns
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.rdf.graph import Graph, timestamp
 from linked_fleet_gateway.rdf.serialise import NoContentYet
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS
-from linked_fleet_gateway.resources.branches import Found, RequestView, RobotBranch
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource
-from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
 
@@ -68,8 +75,8 @@ class Recorder:
     Each robot has a folder; files are named by the time and id of their invocation.
     """
 
-    def __init__(self, live: Live, history: History, folder: Path) -> None:
-        self._live, self._history, self._folder = live, history, folder
+    def __init__(self, core: Core, history: History, folder: Path) -> None:
+        self._core, self._history, self._folder = core, history, folder
         self._begun_ns = time.time_ns()
         self._over: dict[str, bool] = {}  # by invocation id; oldest first
         self._last_s: dict[str, float] = {}
@@ -82,9 +89,9 @@ class Recorder:
         for path in await asyncio.to_thread(lambda: sorted(self._folder.glob("*/*.mcap"))):
             self._files[path.parent.name][path.stem.partition("-")[2]] = path
         writing = supervised(self._write_next, "recordings", log, "a recording is lost", 0.0)
-        self._live.add_invocation_listener(self.record_outcome)
-        yield RobotBranch(SEGMENT, NamedNode(TERMS + SEGMENT), self._resolve, lambda robot: bool(self._of(robot.name)))
-        self._live.remove_invocation_listener(self.record_outcome)
+        with self._core.listening_to_invocations(self.record_outcome):
+            branch = RobotBranch(SEGMENT, NamedNode(TERMS + SEGMENT), self._resolve, lambda of: bool(self._of(of.name)))
+            yield branch
         await cancel_tasks([writing])
 
     def _of(self, robot: str) -> dict[str, Path]:
@@ -107,7 +114,7 @@ class Recorder:
                 self._record(name, invocation)
 
     def _record(self, name: str, invocation: Invocation) -> None:
-        robot, now_s = self._live.fleet.robots.get(name), time.monotonic()
+        robot, now_s = self._core.robots.get(name), time.monotonic()
         track = None if robot is None else self._history.track(robot)
         if robot is None or robot.description is None or track is None or track.time_range is None:
             return
@@ -133,9 +140,9 @@ class Recorder:
         files[str(job.invocation.id)] = path
         old = [files.pop(id) for id in list(files)[:-MOST_OF_ROBOT]]
         await asyncio.to_thread(_remove, old)
-        if robot := self._live.fleet.robots.get(job.robot):
+        if robot := self._core.robots.get(job.robot):
             robot.count_change()
-            self._live.fan_out.mark_changed(robot_path(robot.name), _path(robot.name))
+            self._core.mark_changed(robot_path(robot.name), _path(robot.name))
 
     def _resolve(self, view: RequestView, robot: Robot, rest: list[str]) -> Found:
         files, path = self._of(robot.name), _path(robot.name)
@@ -249,6 +256,6 @@ class RecordingsExtension(Extension):
         if history is None or not history.span_s:
             yield Mount()
             return
-        recorder = Recorder(core.live, history, core.state_path / "recordings")
+        recorder = Recorder(core, history, core.state_path / "recordings")
         async with recorder.running() as branch:
             yield Mount(branches=(branch,), formats={"mcap": ("MCAP", MCAP)})

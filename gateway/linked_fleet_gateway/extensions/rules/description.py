@@ -7,17 +7,14 @@ from typing import ClassVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 
+from linked_fleet_gateway.api import CONTAINER as LDP_CONTAINER
+from linked_fleet_gateway.api import FleetBranch, RequestView, Resource, Right, Source, blueprint_of
 from linked_fleet_gateway.extensions.rules.request import CONTAINER
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.template import LF, ROOT, triples_of
-from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph, Node, integer, timestamp
+from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDFS, XSD
-from linked_fleet_gateway.resources.affordance import BODY_TYPES
-from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
-from linked_fleet_gateway.resources.resource import CONTAINER as LDP_CONTAINER
-from linked_fleet_gateway.resources.resource import Resource, blueprint_of
-from linked_fleet_gateway.resources.versioning import Source
 
 _STATES = {
     FiringState.RUNNING: LF.running,
@@ -33,7 +30,7 @@ class MakeRule:
     """Create a rule."""
 
     methods: ClassVar[tuple[str, ...]] = ("POST",)
-    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    body_types: ClassVar[tuple[str, ...]] = TEXT_TYPES
     reads: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE,)
 
@@ -44,7 +41,7 @@ class ChangeRule:
 
     known: RuleRecord
     methods: ClassVar[tuple[str, ...]] = ("PUT", "DELETE")
-    body_types: ClassVar[tuple[str, ...]] = BODY_TYPES
+    body_types: ClassVar[tuple[str, ...]] = TEXT_TYPES
     reads: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.SUBSCRIBE, Right.ADMIN)
 

@@ -7,11 +7,10 @@ from hashlib import blake2b
 
 from pyoxigraph import BlankNode
 
+from linked_fleet_gateway.api import Resource, robot_path
+from linked_fleet_gateway.faces import Reading
 from linked_fleet_gateway.rdf.graph import Term
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.versioning import Reading
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live
 
 LOOK_S = 0.02
 """Time in which frames are collected before a check."""

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
-from linked_fleet_gateway.actions.plan import robot_time
-from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.api import cancel_tasks, robot_of, supervised
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, RedisUnavailable
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly
@@ -19,6 +18,7 @@ from linked_fleet_gateway.extensions.rules.edges import Edge, Row, UnusableResul
 from linked_fleet_gateway.extensions.rules.pace import Pace, Queues, too_costly
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.rule_invocation import (
+    CarryOut,
     Moments,
     RightsEnded,
     action_path,
@@ -26,11 +26,8 @@ from linked_fleet_gateway.extensions.rules.rule_invocation import (
     invoke,
 )
 from linked_fleet_gateway.extensions.rules.store import Changed, Lost, RuleStore
-from linked_fleet_gateway.identity.rights import Identity, View
-from linked_fleet_gateway.resources.invocation import invocation_path
-from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.faces import Identity, View, invocation_path
+from linked_fleet_gateway.serving import Live, robot_time
 
 log = logging.getLogger(__name__)
 
@@ -71,7 +68,7 @@ class Engine:
     def __init__(
         self,
         live: Live,
-        actions: Actions,
+        carry_out: CarryOut,
         store: RuleStore,
         known: Mapping[str, RuleRecord],
         select: Select,
@@ -80,7 +77,7 @@ class Engine:
         note: Note,
         bases: Sequence[str] = (),
     ) -> None:
-        self._live, self._actions, self._store, self._known = live, actions, store, known
+        self._live, self._carry_out, self._store, self._known = live, carry_out, store, known
         self._select, self._creator_of, self._refresh, self._note = select, creator_of, refresh, note
         self._bases = bases
         self._causes = Causes()
@@ -298,7 +295,7 @@ class Engine:
             path = action_path(rule, row, self._bases)
             robot = self._live.fleet.robots.get(robot_of(path) or "")
             before = None if robot is None else state_of(robot, invocations)
-            invocation = await invoke(self._actions, tree, rule, path, creator, number, row, moments)
+            invocation = await invoke(self._carry_out, tree, rule, path, creator, number, row, moments)
         except AgentTimeout as error:
             path = error.headers.get("location", "")
             return replace(firing, state=FiringState.UNKNOWN, invocation=path, reason=str(error)[:_LONGEST])

@@ -6,23 +6,20 @@ from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from prometheus_client.metrics_core import Metric
 
+from linked_fleet_gateway.api import Core, Extension, Mount, NavigationEntry, RequestView, counter, gauges
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, branch, rule_state
-from linked_fleet_gateway.extensions.rules.http import change_rule, operations, post_rule
+from linked_fleet_gateway.extensions.rules.http import change_rule, post_rule
+from linked_fleet_gateway.extensions.rules.operations import operations
 from linked_fleet_gateway.extensions.rules.request import RULE_SHAPE
 from linked_fleet_gateway.extensions.rules.rule_invocation import creator_of
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import RuleStore
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import Json
-from linked_fleet_gateway.runtime.metrics import counter, gauges
 
 
 @dataclass(frozen=True)
@@ -50,29 +47,27 @@ class RulesExtension(Extension):
 
         return (page.RULES, page.RULE, page.FIRINGS)
 
-    def operations(self, view: RequestView) -> Mapping[str, Json]:
+    def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         queries = core.service(Queries)
         rules = Rules(
-            core.live,
-            core.actions,
+            core,
             RuleStore(core.redis_url, core.namespace, core.run),
             partial(queries.select, client=_CLIENT),
             queries.check,
             lambda rule: creator_of(rule, core.identities),
-            core.audit,
             core.section(RuleSettings).per_client,
-            core.public_urls,
         )
-        async with rules:
-            yield Mount(
-                branches=(branch(rules.known),),
-                writers={MakeRule: partial(post_rule, rules), ChangeRule: partial(change_rule, rules)},
-                metrics=lambda: _metrics(rules),
-            )
+        with core.listening_to_stops(rules.note_stop):
+            async with rules:
+                yield Mount(
+                    branches=(branch(rules.known),),
+                    writers={MakeRule: partial(post_rule, rules), ChangeRule: partial(change_rule, rules)},
+                    metrics=lambda: _metrics(rules),
+                )
 
 
 def _metrics(rules: Rules) -> Iterator[Metric]:

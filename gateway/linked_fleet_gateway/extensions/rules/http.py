@@ -11,11 +11,10 @@ import uuid
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
-from functools import cache
-from itertools import chain
 
 from starlette.responses import Response
 
+from linked_fleet_gateway.api import Request, Resource, Right, body_type
 from linked_fleet_gateway.base.errors import (
     BadRequest,
     FleetError,
@@ -25,10 +24,10 @@ from linked_fleet_gateway.base.errors import (
     PreconditionFailed,
     UnprocessableContent,
 )
+from linked_fleet_gateway.extensions.query.sparql_syntax import bound_iris
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
 from linked_fleet_gateway.extensions.rules.request import (
     CONTAINER,
-    RULE_SHAPE,
     RuleRequest,
     check_variables,
     parse_rule,
@@ -38,28 +37,9 @@ from linked_fleet_gateway.extensions.rules.rule_invocation import find_action, m
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full
 from linked_fleet_gateway.extensions.rules.template import LF
-from linked_fleet_gateway.http.body import body_type, convert_body, parse_body
-from linked_fleet_gateway.http.fields import field
-from linked_fleet_gateway.http.operations import (
-    CHANGED_RESPONSE,
-    ID_SCHEMA,
-    JSONLD,
-    creation_responses,
-    header_ref,
-    path_item,
-    rdf_get_operation,
-    resource_path_items,
-    write_operation,
-)
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.writes import check_acceptable, created_response
-from linked_fleet_gateway.identity.rights import Claims, Identity, Right
-from linked_fleet_gateway.rdf.shapes import load_turtle_file
-from linked_fleet_gateway.rdf.sparql_syntax import MAX_QUERY_BYTES, bound_iris
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import Json, form_in
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.faces import Claims, Identity
+from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
+from linked_fleet_gateway.serving import check_acceptable, convert_body, created_response, parse_body
 
 
 class TooManyRules(FleetError):
@@ -99,7 +79,7 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
     if request.method == "DELETE":
         async with _refusals(rules):
             # Without a precondition the rule is deleted whatever its revision.
-            revision = None if field(request, "if-match") is None else known.revision
+            revision = None if request.field("if-match") is None else known.revision
             if not await rules.remove(known.rule, revision):
                 raise NotFound("The rule has been deleted meanwhile.")
         return Response(status_code=204)
@@ -111,7 +91,7 @@ async def change_rule(rules: Rules, request: Request, afforded: ChangeRule) -> R
                 await rules.write(changed, known)
                 return Response(status_code=204)
             except Changed:
-                if field(request, "if-match") is not None:
+                if request.field("if-match") is not None:
                     raise
                 # The client set no precondition, and the rule was written concurrently, for example because its robot
                 # was stopped.
@@ -228,61 +208,3 @@ async def _refusals(rules: Rules) -> AsyncIterator[None]:
         raise TooManyRules("The fleet has as many rules as it can have; some have to be deleted.") from error
     except Changed as error:
         raise PreconditionFailed("The rule has changed or been deleted meanwhile.") from error
-
-
-_CONTEXT = "https://w3id.org/linked-fleet/context"
-_MEMBERS = {
-    "dcterms:title": DCTERMS.title,
-    "lf:condition": LF.condition,
-    "lf:minimumInterval": LF.minimumInterval,
-    "lf:enabled": LF.enabled,
-}
-
-
-@cache
-def _schema() -> Json:
-    form = form_in(chain.from_iterable(load_turtle_file(RULE_SHAPE).values()), LF.RuleShape)
-    of_path = {each.path: each.schema() for each in form.fields}  # the shape names them for people
-    action: Json = {"type": "object", "properties": {"@id": {"type": "string", "format": "uri"}}, "required": ["@id"]}
-    return {
-        "type": "object",
-        "properties": {
-            "@context": {"const": _CONTEXT},
-            "@type": {"const": "lf:Rule"},
-            **{member: of_path[predicate,] for member, predicate in _MEMBERS.items()},
-            "lf:invokes": action | {"description": "The action."},
-            "lf:body": {
-                "description": "The body of the action; a node with lf:variable stands for the value of that variable."
-            },
-        },
-        "required": ["@context", "dcterms:title", "lf:condition", "lf:invokes"],
-    }
-
-
-def operations(view: RequestView) -> dict[str, Json]:
-    """Return the path items of rules, which are written, replaced and deleted, and of their firings."""
-    example = {
-        "@context": _CONTEXT,
-        "@type": "lf:Rule",
-        "dcterms:title": "Stop all robots when one is faulty",
-        "lf:condition": f"SELECT ?robot {{ ?robot <{LF.presence.value}> <{LF.faulty.value}> }}",
-        "lf:invokes": {"@id": view.base + "/actions/stopAll"},
-        "lf:enabled": False,
-    }
-    body: Json = {JSONLD: {"schema": _schema(), "examples": {"stop all": {"value": example}}}}
-    rule, parameters, fields = f"{CONTAINER}/{{rule}}", {"rule": ID_SCHEMA}, [header_ref("IfMatch")]
-    return {
-        CONTAINER: path_item(
-            {},
-            get=rdf_get_operation("readRules", "Rules, with their states"),
-            post=write_operation("addRule", "Write a rule", creation_responses("Written."), body),
-        ),
-        **resource_path_items(
-            rule, parameters, "Rule", "A rule, and whether it fires",
-            put=write_operation("putRule", "Replace, enable or disable a rule", CHANGED_RESPONSE, body, fields),
-            delete=write_operation("deleteRule", "Delete a rule", CHANGED_RESPONSE, None, fields),
-        ),
-        f"{rule}/firings": path_item(
-            parameters, get=rdf_get_operation("readFirings", "Firings of a rule, the newest first")
-        ),
-    }  # fmt: skip

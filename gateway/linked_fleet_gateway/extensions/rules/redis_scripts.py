@@ -1,8 +1,7 @@
 """Keys and atomic steps of the store of rules in Redis; all in one slot."""
 
+import hashlib
 from dataclasses import dataclass
-
-from linked_fleet_gateway.actions.redis_scripts import text_hash
 
 
 @dataclass(frozen=True)
@@ -36,7 +35,8 @@ class Keys:
 
     def rules_of_client(self, client: str) -> str:
         """Set of the ids of the client's rules."""
-        return self._key(f"client:{text_hash(client)}")
+        digest = hashlib.sha256(client.encode(errors="surrogatepass")).hexdigest()
+        return self._key(f"client:{digest}")
 
     def keys_of_rule(self, id: str) -> tuple[str, str, str]:
         """Set of the keys of rows that hold, hash of counts, hash of firings by number."""

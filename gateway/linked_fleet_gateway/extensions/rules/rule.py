@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field
 from enum import StrEnum
 
-from linked_fleet_gateway.identity.rights import ALL, EVERY, Claims, View, view
-from linked_fleet_gateway.resources.paths import robot_of
+from linked_fleet_gateway.api import robot_of
+from linked_fleet_gateway.faces import Claims, View
 
 
 @dataclass(frozen=True)
@@ -39,12 +39,12 @@ class Rule:
     """Name of the identity whose rights it has; empty if authentication was off."""
     claims: Claims | None = None
     """The claims of a creator authenticated by an issuer."""
-    sees: tuple[str, ...] = (EVERY,)
+    sees: tuple[str, ...] = ("*",)
     """Patterns of the robots that its creator could read."""
 
     @property
     def view(self) -> View:
-        return ALL if EVERY in self.sees else view(frozenset(self.sees), self.creator)
+        return View.of(frozenset(self.sees), self.creator)
 
     @property
     def variable(self) -> str | None:

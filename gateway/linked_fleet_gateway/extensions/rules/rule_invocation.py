@@ -4,31 +4,28 @@ The rights are those of the creator at the time of the check.
 """
 
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from hashlib import blake2b
 from urllib.parse import unquote
 
-from pyoxigraph import NamedNode
+from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.actions.admission import validate_action_body
-from linked_fleet_gateway.actions.operations import Operation
-from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime
-from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.api import (
+    Resource,
+    Right,
+    robot_of,
+)
 from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
 from linked_fleet_gateway.extensions.rules.edges import Row
 from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.extensions.rules.template import fill
+from linked_fleet_gateway.faces import EVERYBODY, Identity, Invoke, Offer, Tree
 from linked_fleet_gateway.fleet.invocations import Invocation
-from linked_fleet_gateway.identity.rights import EVERYBODY, Identity, Right
-from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.affordance import Invoke
-from linked_fleet_gateway.resources.body_values import Body, input_ntriples
-from linked_fleet_gateway.resources.paths import robot_of
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_gateway.serving import Caller, Identities, RobotTime
 
 Moments = Mapping[str, RobotTime | None]
+CarryOut = Callable[[Offer, str, Caller, Sequence[Triple], RobotTime | None], Awaitable[Invocation]]
+"""Carries out an action for a client (``Core.invoke``)."""
 
 
 def find_action(tree: Tree, path: str, creator: Identity) -> Offer:
@@ -44,7 +41,14 @@ def find_action(tree: Tree, path: str, creator: Identity) -> Offer:
 
 
 async def invoke(
-    actions: Actions, tree: Tree, rule: Rule, path: str, creator: Identity, number: int, row: Row, moments: Moments
+    carry_out: CarryOut,
+    tree: Tree,
+    rule: Rule,
+    path: str,
+    creator: Identity,
+    number: int,
+    row: Row,
+    moments: Moments,
 ) -> Invocation:
     """Invoke the action at ``path`` for the firing ``number`` and return the accepted invocation. Raises FleetError.
 
@@ -52,33 +56,18 @@ async def invoke(
     take precedence.
     """
     offer = find_action(tree, path, creator)
-    action = NamedNode(rule.base + offer.path)
-    nothing = Body((), action)
-    if offer.is_stop:
-        halt = actions.plan(ActionRequest(rule.base, nothing, offer.robot, offer.joint, thing=offer.thing), offer)
-        if isinstance(halt, Halt):
-            asking = Caller(rule.client, stoppable_robots=creator.view_for(Right.STOP), rule=rule.id)
-            return await actions.halt(offer.path, halt, asking)
-    filled = fill(rule.body, row, action)
-    body = validate_action_body(offer, filled, rule.base) if offer.takes_body else nothing
-    moment = None if offer.robot is None else moments.get(offer.robot.name)
-    plan = actions.plan(ActionRequest(rule.base, body, offer.robot, offer.joint, moment, offer.thing), offer)
-    if isinstance(plan, DeferredPlan):
-        plan = await actions.compute(plan)
-    # Cannot equal a client's key, whose characters are all visible.
-    key, digest = f"\x1frule {rule.id} {number}", blake2b(repr(row).encode(), digest_size=16).hexdigest()
-    asking = Caller(
+    statements = fill(rule.body, row, NamedNode(rule.base + offer.path)) if offer.takes_body else ()
+    # The key cannot equal a client's key, whose characters are all visible.
+    caller = Caller(
         rule.client,
-        idempotency_key=key,
-        request_digest=digest,
-        body=input_ntriples(body),
+        idempotency_key=f"\x1frule {rule.id} {number}",
+        request_digest=blake2b(repr(row).encode(), digest_size=16).hexdigest(),
+        stoppable_robots=creator.view_for(Right.STOP),
         visible_robots=creator.visible_robots,
         rule=rule.id,
     )
-    if isinstance(plan, Operation):
-        return await actions.operations.operate(offer.path, plan, offer.robot, asking, is_stop=offer.is_stop)
-    assert isinstance(plan, Motion)  # of another kind than a stop
-    return await actions.start(offer.path, plan, asking)
+    moment = None if offer.robot is None else moments.get(offer.robot.name)
+    return await carry_out(offer, rule.base, caller, statements, moment)
 
 
 def action_path(rule: Rule, row: Row, bases: Sequence[str]) -> str:

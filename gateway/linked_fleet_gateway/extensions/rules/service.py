@@ -3,13 +3,13 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Collection, Sequence
+from collections.abc import Awaitable, Callable, Collection
 from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
-from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.api import Core, RequestEvent, Resource, cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
 from linked_fleet_gateway.extensions.rules.edges import ChangeNotifier
@@ -18,13 +18,8 @@ from linked_fleet_gateway.extensions.rules.request import CONTAINER
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.rule_invocation import RightsEnded
 from linked_fleet_gateway.extensions.rules.store import Changed, RuleStore
-from linked_fleet_gateway.identity.rights import Identity
-from linked_fleet_gateway.resources.affordance import Invoke
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.audit_log import AuditLog
-from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
-from linked_fleet_gateway.runtime.replica import Replica, follow_changes
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.faces import Identity, Invoke
+from linked_fleet_gateway.serving import Replica, run_last_step
 
 log = logging.getLogger(__name__)
 
@@ -42,26 +37,25 @@ class Rules:
 
     def __init__(
         self,
-        live: Live,
-        actions: Actions,
+        core: Core,
         store: RuleStore,
         select: Select,
         check: Check,
         creator_of: Callable[[Rule], Identity],
-        audit: AuditLog,
         limit: int,
-        bases: Sequence[str] = (),
     ) -> None:
-        self._live, self._store, self._audit, self.limit = live, store, audit, limit
-        self.bases = bases
+        self._live, self._store, self._tell, self.limit = core.live, store, core.tell_of_request, limit
+        self.bases = core.public_urls
         """The public URLs of the fleet."""
         self.check = check
         """Returns the variables of a condition, given its base and the client. Raises BadRequest, PayloadTooLarge."""
         self.known: dict[str, RuleRecord] = {}
         self._replica = Replica(store.load, store.read, self._put)
         refresh = self._replica.refresh
-        self._engine = Engine(live, actions, store, self.known, select, creator_of, refresh, self._noted, bases)
-        self._changes = ChangeNotifier(live, self._engine.wake)
+        self._engine = Engine(
+            core.live, core.invoke, store, self.known, select, creator_of, refresh, self._noted, self.bases
+        )
+        self._changes = ChangeNotifier(core.live, self._engine.wake)
         self._stopping: dict[str, str] = {}
         """Reasons of rules disabled here that Redis does not know yet."""
         self._written = asyncio.Event()
@@ -69,11 +63,10 @@ class Rules:
         self._serving_since_s: float | None = None
         self._awaited: set[str] | None = None
         self._tasks: list[asyncio.Task[None]] = []
-        actions.on_stop = self._stopped
 
     async def __aenter__(self) -> Self:
         self._tasks = [
-            await follow_changes("rules", log, self._replica.load, self._replica.refresh, self._store.news),
+            await self._replica.follow("rules", log, self._store.news),
             supervised(self._keep, "serve rules", log, "rules are not served", 0.0),
         ]
         return self
@@ -131,7 +124,7 @@ class Rules:
         """
         return await self._replica.write(rule.id, self._store.remove(rule, revision))
 
-    def _stopped(self, robots: Collection[str] | None) -> None:
+    def note_stop(self, robots: Collection[str] | None) -> None:
         """Disable rules after a stop of these robots (None: all). The stop itself is executed first."""
         asyncio.get_running_loop().call_soon(self._disable_movers, robots)
 
@@ -238,8 +231,8 @@ class Rules:
     def _noted(self, rule: Rule, number: int, firing: Firing) -> None:
         target = f"{firings_path(rule)}/{number}"
         robot = target_robot(rule, firing)
-        status = {FiringState.ACCEPTED: "202", FiringState.UNKNOWN: "504"}.get(firing.state, "409")
-        self._audit.record(rule.creator or rule.client, "RULE", target, robot, status, "", firing.invocation)
+        status = {FiringState.ACCEPTED: 202, FiringState.UNKNOWN: 504}.get(firing.state, 409)
+        self._tell(RequestEvent(rule.creator or rule.client, "RULE", target, robot, status, created=firing.invocation))
 
 
 def _reason_of_stop(rule: Rule, robots: Collection[str] | None) -> str:

@@ -16,7 +16,7 @@ import msgspec
 from linked_fleet_gateway.extensions.rules import redis_scripts as scripts
 from linked_fleet_gateway.extensions.rules.redis_scripts import Keys
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
-from linked_fleet_gateway.runtime.redis import Connection
+from linked_fleet_gateway.serving import RedisConnection
 
 __all__ = ["KEPT", "LEASE_S", "Changed", "FleetFull", "Full", "Lost", "RuleStore"]
 log = logging.getLogger(__name__)
@@ -56,7 +56,7 @@ class RuleStore:
     def __init__(self, url: str, namespace: str, run: str) -> None:
         self._keys = Keys(namespace)
         self._run = run
-        self._redis = Connection(url, self._keys.news)
+        self._redis = RedisConnection(url, self._keys.news)
 
     async def close(self) -> None:
         await self._redis.close()

@@ -5,7 +5,7 @@ from starlette.responses import Response
 from starlette.types import Scope
 
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import Session
-from linked_fleet_gateway.http.arrival import arrival_of
+from linked_fleet_gateway.serving import arrival_of
 
 _SESSION = "linked-fleet"
 _STATE = "sessions.session"

@@ -15,17 +15,15 @@ from starlette.datastructures import Headers
 from starlette.responses import RedirectResponse, Response
 from starlette.types import Receive, Scope
 
+from linked_fleet_gateway.api import Core, Extension, Mount, Request, choose
 from linked_fleet_gateway.base.errors import ForeignOrigin, Unauthenticated
 from linked_fleet_gateway.base.settings import FILE, Section, setting
 from linked_fleet_gateway.extensions.sessions.cookies import read_cookie, record_session
 from linked_fleet_gateway.extensions.sessions.login import Login
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey, Sessions
-from linked_fleet_gateway.http.arrival import Authenticated, arrival_of, fields_of, names_event_stream
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import HTML
-from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.faces import HTML
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
+from linked_fleet_gateway.serving import Authenticated, arrival_of
 
 
 @dataclass(frozen=True)
@@ -77,7 +75,7 @@ def _check_page(scope: Scope, headers: Headers) -> None:
     must use tokens, because otherwise they would act for the person who is logged in. Reads are exempt: other sites may
     link here, and only the reader sees the response.
     """
-    events = names_event_stream(fields_of(scope))
+    events = arrival_of(scope).names_event_stream
     calls_back = "callback" in headers.get("upgrade", "").lower()
     reads = scope["type"] == "http" and scope["method"] in _READ and not events and not calls_back
     elsewhere = arrival_of(scope).cross_origin
@@ -92,10 +90,10 @@ def _would_log_in(scope: Scope) -> bool:
     """Return True for a browser navigation that expects a page."""
     if scope["type"] != "http" or scope["method"] not in ("GET", "HEAD"):
         return False
-    fields = fields_of(scope)
-    if b"accept" not in fields or names_event_stream(fields):
+    arrival = arrival_of(scope)
+    if b"accept" not in arrival.fields or arrival.names_event_stream:
         return False
-    return choose(fields[b"accept"].decode("latin-1"), (*RDF_TYPES, HTML)) == HTML
+    return choose(arrival.fields[b"accept"].decode("latin-1"), (*RDF_TYPES, HTML)) == HTML
 
 
 def _to_login(scope: Scope) -> RedirectResponse:

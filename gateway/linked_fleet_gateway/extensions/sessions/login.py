@@ -10,6 +10,7 @@ import math
 import secrets
 import time
 from base64 import urlsafe_b64encode
+from collections.abc import Sequence
 from hashlib import sha256
 from hmac import compare_digest
 from typing import Any
@@ -17,7 +18,7 @@ from urllib.parse import parse_qs, quote, urlencode
 
 from starlette.responses import RedirectResponse, Response
 
-from linked_fleet_gateway.base.addresses import network_of
+from linked_fleet_gateway.api import Request, Right
 from linked_fleet_gateway.base.errors import (
     BadRequest,
     FleetError,
@@ -31,13 +32,9 @@ from linked_fleet_gateway.extensions.pages.views import places
 from linked_fleet_gateway.extensions.sessions.cookies import LOGIN, read_cookie, session_of, set_cookie
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, PendingLogin, open_login, seal_login
 from linked_fleet_gateway.extensions.sessions.service import Sessions
-from linked_fleet_gateway.http.arrival import arrival_of
-from linked_fleet_gateway.http.body import read_body
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import TokenBuckets
-from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed, endpoint, verify_token
-from linked_fleet_gateway.identity.rights import Claims, Credential, Identity, Right
-from linked_fleet_gateway.identity.roster import Issuer
+from linked_fleet_gateway.faces import Claims, Credential, Identity
+from linked_fleet_gateway.serving import BadToken, Issuer, IssuerFailed, TokenBuckets, arrival_of, read_body
+from linked_fleet_server.addresses import network_of
 
 
 class TooManyLogins(FleetError):
@@ -83,7 +80,9 @@ class Login:
             return await self._return(request, sessions)
         if method == "POST":
             return await self._with_token(request, sessions)
-        return _page(sessions, _path(request.query_params.get("then")), request.caller)
+        return _page(
+            sessions, _path(request.query_params.get("then")), request.caller, restricted_paths=request.restricted_paths
+        )
 
     def _failed(self, request: Request, error: BadToken) -> None:
         """Count a failed login and log it. Raises TooManyLogins beyond the limit of the address.
@@ -126,9 +125,7 @@ class Login:
         state, nonce, verifier = (secrets.token_urlsafe(32) for _ in range(3))
         login = PendingLogin(issuer.url, state, nonce, verifier, _path(request.query_params.get("then")))
         try:
-            there = endpoint(
-                await sessions.identities.keys(issuer).discovery_document(), "authorization_endpoint", issuer.url
-            )
+            there = await sessions.identities.keys(issuer).endpoint("authorization_endpoint")
         except IssuerFailed as error:
             raise IssuerDown(f"{issuer.name} cannot be reached; try again in a moment.") from error
         challenge = urlsafe_b64encode(sha256(login.verifier.encode()).digest()).rstrip(b"=").decode()
@@ -180,12 +177,12 @@ async def _claims(request: Request, sessions: Sessions, issuer: Issuer, login: P
         "code_verifier": login.verifier,
     }
     secret = (quote(issuer.client_id, safe=""), quote(issuer.client_secret, safe="")) if issuer.client_secret else None
-    there = endpoint(await keys.discovery_document(), "token_endpoint", issuer.url)
+    there = await keys.endpoint("token_endpoint")
     answer = await sessions.identities.web.post(there, form, secret)
     token: Any = answer.get("id_token")
     if not isinstance(token, str):
         raise IssuerFailed(f"{issuer.url} gave no id_token")
-    found = await verify_token(token, issuer, keys, issuer.client_id)
+    found = await sessions.identities.verify(token, issuer, issuer.client_id)
     if not compare_digest(str(found.get("nonce", "")).encode(), login.nonce.encode()):
         raise BadToken("the nonce of its id_token is wrong")
     if found.get("azp", issuer.client_id) != issuer.client_id:
@@ -225,6 +222,7 @@ def _page(
     wrong: str = "",
     status: int = 200,
     failed: str = "",
+    restricted_paths: Sequence[str] = (),
 ) -> Response:
     """Render the page; ``wrong`` is an error of the entered token, ``failed`` one of a login at an issuer."""
     issuers = [
@@ -235,7 +233,7 @@ def _page(
     known = caller is not None and bool(caller.name)
     page = render(
         "login.html",
-        places=places(None, caller.has_any_right((Right.ADMIN,), None) if caller else False) if known else [],
+        places=places(None, restricted_paths) if known else [],
         name=caller.name if caller else "",
         rights=_rights(caller) if caller else [],
         issuers=issuers,

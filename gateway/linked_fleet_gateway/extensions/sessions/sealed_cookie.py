@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Literal
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.identity.rights import Claims, Credential, TokenHash
+from linked_fleet_gateway.faces import Claims, Credential, TokenHash
 
 if TYPE_CHECKING:
     import jwt

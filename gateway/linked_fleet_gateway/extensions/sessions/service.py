@@ -15,6 +15,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from linked_fleet_gateway.api import cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     KEY_BYTES,
@@ -23,11 +24,8 @@ from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     open_session,
     seal_session,
 )
-from linked_fleet_gateway.identity.rights import Credential, Identity
-from linked_fleet_gateway.identity.roster import BadRoster
-from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.runtime.redis import Connection
+from linked_fleet_gateway.faces import Credential, Identity
+from linked_fleet_gateway.serving import Identities, RedisConnection
 
 log = logging.getLogger(__name__)
 
@@ -40,7 +38,7 @@ class SessionKey:
     """
 
     def __init__(self, url: str, namespace: str, file: str) -> None:
-        self._redis = Connection(url, f"{namespace}:identity:news")
+        self._redis = RedisConnection(url, f"{namespace}:identity:news")
         self._name = f"{namespace}:identity:session-key"
         self._key = read_key(Path(file)) if file else b""
         self._turn = asyncio.Lock()
@@ -65,15 +63,15 @@ class SessionKey:
 
 
 def read_key(path: Path) -> bytes:
-    """Read the key from a file. Raises BadRoster if it is invalid."""
+    """Read the key from a file. Raises ValueError if it is invalid."""
     try:
         key = base64.b64decode(path.read_bytes().strip(), validate=True)
     except OSError as error:
-        raise BadRoster(f"{path}: {error.strerror}") from error
+        raise ValueError(f"{path}: {error.strerror}") from error
     except ValueError as error:
-        raise BadRoster(f"{path}: the key of sessions is in base64") from error
+        raise ValueError(f"{path}: the key of sessions is in base64") from error
     if len(key) != KEY_BYTES:
-        raise BadRoster(f"{path} has {len(key)} bytes; the key of sessions has {KEY_BYTES}, in base64")
+        raise ValueError(f"{path} has {len(key)} bytes; the key of sessions has {KEY_BYTES}, in base64")
     return key
 
 
@@ -88,7 +86,7 @@ class EndedSessions:
 
     def __init__(self, url: str, namespace: str) -> None:
         self._key = f"{namespace}:identity:ended"
-        self._redis = Connection(url, self._key)
+        self._redis = RedisConnection(url, self._key)
         self._ends_ns: dict[str, int] = {}  # by session id: when the session would have expired anyway
         self._untold: deque[Session] = deque(maxlen=_MOST_UNTOLD)
         self._seen = ""

@@ -12,17 +12,24 @@ from hashlib import blake2b
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.api import (
+    FleetBranch,
+    Found,
+    RequestView,
+    Resource,
+    joint_path,
+    link_path,
+    robot_path,
+    thing_at,
+    time_sliced,
+)
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD, placeholder_description, write_description
+from linked_fleet_gateway.faces import ThingDocument, kind_of
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS, ROS, XHV
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView, ThingDocument
-from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, robot_name, robot_path
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import time_sliced
 
 LF = CORE.extended("Directory things")
 
@@ -129,17 +136,7 @@ def _directory(view: RequestView, rest: Sequence[str]) -> Found:
 def _place(view: RequestView, path: str) -> Place | None:
     if path == "/":
         return None, None
-    head, _, part = path[1:].partition("/")
-    try:
-        robot = view.robots.get(robot_name(head))
-        if robot is None or not part:
-            return (robot, None) if robot is not None and path.endswith("/") else None
-        if robot.model is None:
-            return None
-        joint, link = joint_or_link(part, robot.model)
-    except ValueError:
-        return None
-    return robot, (robot.model.joints[joint] if joint is not None else robot.model.links[link or ""])
+    return thing_at(path, view.robots)
 
 
 BRANCHES = (

@@ -3,15 +3,29 @@
 The directory is served complete or by pages (W3C WoT Discovery, 7.3.2.3), and in RDF by pages. Listings are kept.
 """
 
+import asyncio
 import re
-import sys
-from collections.abc import AsyncIterator, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Callable, Iterable, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
+from hashlib import blake2b
 from pathlib import Path
+from typing import Any
 
 from starlette.responses import Response, StreamingResponse
 
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    Mount,
+    NavigationEntry,
+    Request,
+    RequestView,
+    Resource,
+    choose,
+    read_resource,
+    time_sliced,
+)
 from linked_fleet_gateway.base.errors import BadRequest, NotAcceptable, Unimplemented
 from linked_fleet_gateway.extensions.things.directory import (
     BRANCHES,
@@ -23,28 +37,10 @@ from linked_fleet_gateway.extensions.things.directory import (
     describe_page,
 )
 from linked_fleet_gateway.extensions.things.kept_listings import InThread, KeptListing, KeptListings, LongListing
+from linked_fleet_gateway.extensions.things.operations import operations
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.fields import Link, field, link_header
-from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.http.negotiation import choose, coded_tag, preferred_coding
-from linked_fleet_gateway.http.operations import (
-    JSONLD,
-    error_responses,
-    get_operation,
-    header_ref,
-    parameter,
-    path_item,
-)
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.representation import etag, not_modified
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import Json
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.background import time_sliced
+from linked_fleet_gateway.serving import WebLink, link_header, not_modified
 
 TYPES = ("application/ld+json", JSON)
 _SORTING = ("sort_by", "sort_order")
@@ -75,7 +71,7 @@ class Directory:
             describe = partial(
                 describe_page, listing.view, await listing.things(), offset, min(limit or MOST_LISTED, MOST_LISTED)
             )
-            return read_resource(request, resource.replace(describe=describe, remote=None, query=request.url.query))
+            return read_resource(request, resource.replace(describe=describe, remote=None))
         return await self._written(request, resource, listing, offset, limit, media_type)
 
     async def _written(
@@ -84,7 +80,7 @@ class Directory:
         """Return the descriptions of a page, or of all things: from the cache, else made now."""
         version = await self._version(listing)
         key = version + repr((offset, limit)).encode()
-        weak = "W/" + etag(key)  # of a listing that is not kept: its body is not known before it is sent
+        weak = _weak_tag(key)  # of a listing that is not kept: its body is not known before it is sent
         made: KeptListing | LongListing | None = self._kept.find(key)
         headers = {"vary": "Accept, Accept-Encoding", "cache-control": "no-cache", "x-content-type-options": "nosniff"}
         content = {"content-type": media_type, "allow": "GET, HEAD, OPTIONS"}
@@ -92,7 +88,7 @@ class Directory:
             things = await listing.things()
             end = len(things) if limit is None else offset + min(limit, MOST)
             link = _page_links(request, resource, things, offset, limit, end)
-            if not_modified(field(request, "if-none-match"), weak):
+            if not_modified(request.field("if-none-match"), weak):
                 return Response(status_code=304, headers=headers | {"link": link, "etag": weak})
 
             async def is_current() -> bool:
@@ -104,21 +100,15 @@ class Directory:
         if isinstance(made, LongListing):
             body = made.parts if request.method == "GET" else _nothing()
             return StreamingResponse(body, headers=headers | content | {"etag": weak})
-        coding = preferred_coding(_codings(request), ("gzip",) if made.coded else ())
-        headers["etag"] = coded_tag(made.tag, coding)
-        if not_modified(field(request, "if-none-match"), headers["etag"]):
-            return Response(status_code=304, headers=headers)
-        if coding:
-            return Response(made.coded, headers=headers | content | {"content-encoding": coding})
-        return Response(made.body, headers=headers | content)
+        return made.content.response(request, headers | content)
 
     async def _version(self, listing: Listing) -> bytes:
         self._digests.forget_others(self._robots.keys())
         return await listing.version(self._digests)
 
 
-def _codings(request: Request) -> bytes:
-    return (field(request, "accept-encoding") or "").encode("latin-1")
+def _weak_tag(key: bytes) -> str:
+    return f'W/"{blake2b(key, digest_size=16).hexdigest()}"'
 
 
 async def _nothing() -> AsyncIterator[bytes]:
@@ -133,22 +123,22 @@ def _page_links(
     limit: int | None,
     end: int,
 ) -> str:
-    links = [Link(iri.value, "type") for iri in resource.interaction_model]
+    links = [WebLink(iri.value, "type") for iri in resource.interaction_model]
     links += _canonical(things, request.base, paged=limit is not None or offset > 0)
     if end < len(things):
-        links.append(Link(f"{request.base}{DIRECTORY}?offset={end}&limit={limit}", "next"))
+        links.append(WebLink(f"{request.base}{DIRECTORY}?offset={end}&limit={limit}", "next"))
     return link_header(links, [])
 
 
-def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -> list[Link]:
+def _canonical(things: Sequence[tuple[str, Place]], base: str, *, paged: bool) -> list[WebLink]:
     """Return the link of a page to the collection.
 
     Its etag changes when things are added or removed, which moves pages.
     """
     if not paged:
         return []
-    state = etag("\n".join(id for id, _ in things).encode()).strip('"')
-    return [Link(base + DIRECTORY, "canonical", etag=state)]
+    state = blake2b("\n".join(id for id, _ in things).encode(), digest_size=16).hexdigest()
+    return [WebLink(base + DIRECTORY, "canonical", etag=state)]
 
 
 async def _array(listing: Listing, things: Iterable[tuple[str, Place]]) -> AsyncIterator[bytes]:
@@ -173,6 +163,10 @@ def _count(request: Request, name: str, least: int) -> int | None:
     return int(text)
 
 
+async def _in_thread(made: Callable[[], KeptListing], size: int) -> KeptListing:
+    return await asyncio.to_thread(made)
+
+
 class ThingsExtension(Extension):
     name = "things"
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
@@ -184,36 +178,10 @@ class ThingsExtension(Extension):
 
         return (page.VIEW,)
 
-    def operations(self, view: RequestView) -> Mapping[str, Json]:
+    def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        directory = Directory(core.live.fleet.robots, Offload(sys.maxsize).run)
+        directory = Directory(core.robots, _in_thread)
         yield Mount(branches=BRANCHES, readers={Listing: directory.read}, formats={"td": ("Thing Description", TD)})
-
-
-_THING: Json = {"type": "object", "required": ["@context", "id", "title"]}
-_THINGS: Json = {"schema": {"type": "array", "items": _THING}}
-
-
-def operations(view: RequestView) -> dict[str, Json]:
-    """Return the operations: read the fleet's description, the directory by pages, and one thing by its id."""
-    known = [header_ref("IfNoneMatch")]
-    offset = parameter("offset", "query", {"type": "integer", "minimum": 0, "maximum": 999_999_999})
-    limit = parameter("limit", "query", {"type": "integer", "minimum": 1, "maximum": 999_999_999}, f"At most {MOST}.")
-    listed = get_operation(
-        "readThings", "Thing Descriptions", {JSONLD: _THINGS, JSON: _THINGS}, [offset, limit, *known]
-    )
-    listed["responses"] |= error_responses(["501"])
-    one: Json = {TD: {"schema": _THING}}
-    id: Json = {"type": "string", "enum": [view.base + "/"]}
-    return {
-        "/.well-known/wot": path_item(
-            {}, get=get_operation("readFleetThing", "Thing Description of the fleet", one, known)
-        ),
-        DIRECTORY: path_item({}, get=listed),
-        f"{DIRECTORY}/{{id}}": path_item(
-            {"id": id}, get=get_operation("readThing", "One Thing Description", one, known)
-        ),
-    }

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TypeVar
 
-from linked_fleet_gateway.http.negotiation import compress, is_compressible
-from linked_fleet_gateway.http.representation import etag
+from linked_fleet_gateway.api import Content
 
 MAX_LISTING_BYTES = 16 * 2**20
 MAX_KEPT_BYTES = 64 * 2**20
@@ -23,19 +22,10 @@ InThread = Callable[[Callable[[], _T], int], Awaitable[_T]]
 
 @dataclass(frozen=True)
 class KeptListing:
-    """A listing with its strong entity tag and the value of Link.
+    """A listing, and the value of Link."""
 
-    ``coded`` is its form in gzip, or empty if it is too short.
-    """
-
-    body: bytes
-    coded: bytes
-    tag: str
+    content: Content
     link: str
-
-    @property
-    def size(self) -> int:
-        return len(self.body) + len(self.coded)
 
 
 @dataclass(frozen=True)
@@ -88,13 +78,12 @@ class KeptListings:
 
     def _keep(self, key: bytes, made: KeptListing) -> None:
         self._kept[key] = made
-        while sum(each.size for each in self._kept.values()) > MAX_KEPT_BYTES:
+        while sum(each.content.size for each in self._kept.values()) > MAX_KEPT_BYTES:
             self._kept.popitem(last=False)
 
 
 def _made(body: bytes, link: str) -> KeptListing:
-    coded = compress(body) if is_compressible(body, measured=False, max_bytes=len(body)) else b""
-    return KeptListing(body, coded, etag(body), link)
+    return KeptListing(Content.of(body), link)
 
 
 async def _chain(begun: bytes, rest: AsyncIterator[bytes]) -> AsyncIterator[bytes]:

@@ -1,6 +1,6 @@
 """One type for each data schema of a Thing Description, which SHACL shapes may leave open."""
 
-from linked_fleet_gateway.resources.json_form import Json
+from linked_fleet_gateway.faces import Json
 
 _LIMITS = ("minimum", "maximum", "exclusiveMinimum", "exclusiveMaximum")
 

@@ -11,20 +11,25 @@ from typing import Any
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_gateway.api import Property, RequestView, joint_path, link_path, robot_path
 from linked_fleet_gateway.extensions.things.schema_types import with_types
+from linked_fleet_gateway.faces import (
+    Json,
+    Measurement,
+    Offer,
+    form_of,
+    form_of_input,
+    form_of_target,
+    kind_of,
+    offers_at,
+    part_paths,
+    properties_at,
+)
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, ROS, SOSA
-from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.describe import part_paths
-from linked_fleet_gateway.resources.joint_kinds import kind_of
-from linked_fleet_gateway.resources.json_form import Json, form_of, form_of_input, form_of_target
-from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.plain_json import description_json
-from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
-from linked_fleet_gateway.resources.property import Measurement, Property
 
 TD, DIRECTORY = "application/td+json", "/things"
 """Media type of a Thing Description, and path of the directory."""
@@ -74,8 +79,10 @@ class Thing:
             "title": self._title(),
             "securityDefinitions": {"access": _scheme(self.secured)},
             "security": ["access"],
-            "properties": {item.segment: self._property(item) for item in self._properties()},
-            "actions": {offer.definition.segment: self._action(offer) for offer in self._offers()},
+            "properties": {
+                item.segment: self._property(item) for item in properties_at(self.base, self.robot, self.part)
+            },
+            "actions": {offer.definition.segment: self._action(offer) for offer in offers_at(self.robot, self.part)},
             "links": list(self._links(robots)),
         }
         return _directory(self.base, said) if self.robot is None else said
@@ -93,22 +100,6 @@ class Thing:
         if self.robot is None:
             return "Linked Fleet"
         return f"{self.part.name} of {self.robot.title}" if self.part is not None else self.robot.title
-
-    def _properties(self) -> list[Property]:
-        if self.robot is None or self.robot.model is None:
-            return []
-        if self.part is None:
-            return robot_properties(self.robot, lambda path: NamedNode(self.base + path))
-        if isinstance(self.part, Joint):
-            return joint_properties(self.robot, self.part)
-        return link_properties(self.robot, self.part)
-
-    def _offers(self) -> list[Offer]:
-        if self.robot is None:
-            return fleet_offers()
-        if self.part is None:
-            return robot_offers(self.robot)
-        return joint_offers(self.robot, self.part) if isinstance(self.part, Joint) else []
 
     def _links(self, robots: Iterable[str]) -> Iterable[Json]:
         yield _turtle("alternate", self.id)

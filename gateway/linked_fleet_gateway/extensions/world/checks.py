@@ -18,8 +18,9 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_agent.wire.messages import Follow, Move
-from linked_fleet_gateway.actions.plan import Motion
+from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collisions, Unchecked
 from linked_fleet_gateway.extensions.world.messages import (
     Check,
@@ -42,14 +43,12 @@ from linked_fleet_gateway.extensions.world.placement import (
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.faces import View, unchecked_links
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
 from linked_fleet_gateway.fleet.xml import Vector
-from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.resources.invocation import unchecked_links
-from linked_fleet_gateway.runtime.worker import IDLE_S
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live, Worker
 
 CONFIGURATION_STEP_RAD = 0.05  # also metre
 MOST_CONFIGURATIONS = 24
@@ -132,14 +131,15 @@ class Checks:
     def __init__(
         self,
         live: Live,
+        meshes: Meshes,
         objects: Mapping[str, SceneObject],
         folder: Path,
         collisions: Collisions | None = None,
-        idle_s: float = IDLE_S,
+        idle_s: float = Worker.IDLE_S,
     ) -> None:
         self._live, self._objects = live, objects
         self._checker = Checker(folder, idle_s)
-        self._preparation = Preparation(live, self._checker)
+        self._preparation = Preparation(live, meshes, self._checker)
         self._collisions = collisions or Collisions(live.fan_out.mark_changed)
         self._refusals = Refusals(live.fleet.robots, objects)
         self._waiting = self._early = 0

@@ -11,16 +11,13 @@ from types import MappingProxyType
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.api import RequestView, Resource, Source, blueprint_of, robot_of, robot_path
 from linked_fleet_gateway.base.errors import Members, MotionRefused
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.rdf.graph import METRE, Graph, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.paths import robot_of, robot_path
-from linked_fleet_gateway.resources.resource import Resource, blueprint_of
-from linked_fleet_gateway.resources.versioning import Source
 
 
 class Collides(MotionRefused):

@@ -10,8 +10,10 @@ from functools import cache
 
 from pyoxigraph import Literal, NamedNode, Triple
 
+from linked_fleet_gateway.api import Body, link_path, robot_path
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.base.faults import Faults
+from linked_fleet_gateway.extensions.models.geometry import model_path
 from linked_fleet_gateway.extensions.world.placement import (
     LF,
     PLACEMENT,
@@ -32,16 +34,13 @@ from linked_fleet_gateway.extensions.world.scene import (
     TriangleMesh,
     read_stl,
 )
+from linked_fleet_gateway.faces import Form, RelativePose, form_of, validate_body
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import METRE, Graph, Node
 from linked_fleet_gateway.rdf.validation import refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, RDF, RDFS
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
-from linked_fleet_gateway.resources.body_values import Body, validate_body
-from linked_fleet_gateway.resources.json_form import Field, Form, Value, form_of
-from linked_fleet_gateway.resources.paths import link_path, model_path, robot_path
-from linked_fleet_gateway.resources.relative_poses import RelativePose
 
 OBJECTS, POSES = f"{WORLD}/objects", f"{WORLD}/pose"
 STL = "model/stl"
@@ -187,9 +186,7 @@ _KINDS = {each.value: each for each in (LF.Obstacle, LF.KeepOutZone)}
 @cache
 def object_form() -> Form:
     """Return the form of an object in plain JSON: the members of its shape, and its kind."""
-    kind = Value({"type": "string", "enum": list(_KINDS)}, terms=_KINDS)
-    known = form_of(LF.SceneObjectInput).fields
-    return Form((*known, Field("kind", (RDF.type,), kind, max_count=1, description="an obstacle by default")))
+    return form_of(LF.SceneObjectInput).with_choice("kind", RDF.type, _KINDS, "an obstacle by default")
 
 
 def read_object(

@@ -3,17 +3,29 @@
 Clients create, replace and delete objects over HTTP, and read poses in the frames that the query of the URL names.
 """
 
-import re
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
+from typing import Any
 from urllib.parse import unquote
 
 from pyoxigraph import Literal, Triple
 from starlette.responses import Response
 
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    Mount,
+    NavigationEntry,
+    Request,
+    RequestView,
+    Resource,
+    body_type,
+    read_resource,
+)
 from linked_fleet_gateway.base.errors import BadRequest, NotFound
+from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.descriptions import (
     OBJECTS,
     POSES,
@@ -22,39 +34,15 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     object_path,
     read_object,
 )
+from linked_fleet_gateway.extensions.world.operations import operations
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD, placement, placement_of
 from linked_fleet_gateway.extensions.world.resources import PoseQuery, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
-from linked_fleet_gateway.http.extension import Core, Extension, Mount
-from linked_fleet_gateway.http.html import NavigationEntry
-from linked_fleet_gateway.http.operations import (
-    CHANGED_RESPONSE,
-    ID_SCHEMA,
-    creation_responses,
-    header_ref,
-    parameter,
-    patch_operation,
-    path_item,
-    rdf_get_operation,
-    resource_path_items,
-    write_operation,
-)
-from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
-from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import Offload
-from linked_fleet_gateway.http.writes import read_change
-from linked_fleet_gateway.rdf.graph import METRE
+from linked_fleet_gateway.faces import managed_statements, relative_pose
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.validation import ground_statements
-from linked_fleet_gateway.resources.body_values import managed_statements
-from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.resources.json_form import Json
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.relative_poses import relative_pose
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.serving import convert_body, parse_body, parse_form, read_change, resolve_under_preconditions
 
 MAX_BODY_BYTES = 768 * 1024  # of a mesh in Base64
 MAX_TRIPLES = 200
@@ -104,9 +92,10 @@ async def _replaced(
     """Return the object in a body, parsed in a thread if it has a mesh. Raises UnprocessableContent, Busy."""
     seen = ground_statements(resource.full_graph(request.base))
     work = partial(read_object, triples, request.base + resource.path, request.base + WORLD, present, seen)
-    offload: Offload = request.services.offload
     meshes = [each.object for each in triples if each.predicate == LF.stl]
-    return await offload.run(work, sum(len(each.value) for each in meshes if isinstance(each, Literal)))
+    return await request.services.offload.run(
+        work, sum(len(each.value) for each in meshes if isinstance(each, Literal))
+    )
 
 
 async def read_pose(world: World, request: Request, resource: Resource, asked: PoseQuery) -> Response:
@@ -148,6 +137,7 @@ PREPARING = "the shapes of robots are being prepared for the check of their moti
 
 class WorldExtension(Extension):
     name = "world"
+    needs = ("models",)
     guards_motions = True
     at_root = ("world",)
     in_robot = ("placement",)
@@ -162,12 +152,13 @@ class WorldExtension(Extension):
 
         return (page.VIEW, page.COLLISIONS_VIEW, page.CONTAINER_VIEW, page.OBJECT_VIEW)
 
-    def operations(self, view: RequestView) -> Mapping[str, Json]:
+    def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        async with World(core.live, core.redis_url, core.namespace, core.state_path / "meshes") as world:
+        meshes, folder = core.service(Meshes), core.state_path / "meshes"
+        async with World(core.live, meshes, core.redis_url, core.namespace, folder) as world:
             yield Mount(
                 branches=(world.branch,),
                 readers={PoseQuery: partial(read_pose, world)},
@@ -176,36 +167,3 @@ class WorldExtension(Extension):
                 services=(world,),
                 not_ready=lambda: "" if world.checks.prepared else PREPARING,
             )
-
-
-_BALL: Json = {
-    "title": "a ball",
-    "position": {"x": 90, "y": 90, "z": 90, "unit": METRE.qudt.value},
-    "geometry": {"form": LF.Sphere.value, "radius": {"value": 0.1, "unit": METRE.qudt.value}},
-}
-
-
-def operations(view: RequestView) -> dict[str, Json]:
-    """Return the path items of the world, of poses in it, and of its objects with all methods."""
-    body: Json = {JSON: {"schema": object_form().schema, "examples": {"a ball": {"value": _BALL}}}}
-    names = [view.base + path for path in (WORLD, *map(robot_path, view.robots))]
-    iri: Json = {"type": "string", "format": "uri", "pattern": f"^{re.escape(view.base)}/[!-~]*$", "examples": names}
-    of = parameter("of", "query", iri, "The thing whose pose it is.", required=True)
-    frame = parameter("in", "query", iri, "The thing in whose frame it is: the world, if none.")
-    fields = [header_ref("IfMatch")]
-    return {
-        **resource_path_items(WORLD, {}, "World", "The world: robots and objects, and where they are"),
-        POSES: path_item(
-            {}, get=rdf_get_operation("readPoseInFrame", "A pose, seen from another thing", parameters=[of, frame])
-        ),
-        **resource_path_items(
-            OBJECTS, {}, "Objects", "Objects and zones of the world",
-            post=write_operation("addObject", "Add an object or a zone", creation_responses("Added."), body),
-        ),
-        **resource_path_items(
-            f"{OBJECTS}/{{object}}", {"object": ID_SCHEMA}, "Object", "An object or a zone",
-            put=write_operation("putObject", "Replace an object", CHANGED_RESPONSE, body, fields),
-            patch=patch_operation("patchObject", "Change an object by a SPARQL update"),
-            delete=write_operation("deleteObject", "Remove an object", CHANGED_RESPONSE, None, fields),
-        ),
-    }  # fmt: skip

@@ -12,7 +12,9 @@ import msgspec
 from msgspec import Struct
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_gateway.api import Body, Property, robot_path
 from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_gateway.faces import Measurement, Setting
 from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
@@ -20,15 +22,13 @@ from linked_fleet_gateway.fleet.xml import Quaternion, Vector
 from linked_fleet_gateway.rdf.graph import METRE, Graph, Node
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, MATHS
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.resources.body_values import Body, Setting
-from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.property import Measurement, Property
 
 LF = CORE.extended(
     "World Placement SceneObject SceneObjects Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"
     " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput"
     " PoseInFrameShape PoseInFrame world placement inFrame poseOf objects poses geometry size radius"
     " length stl Collisions Collision CollisionsShape collisions collision meets collisionFree acceptsUnchecked"
+    " model mesh"
 )
 
 log = logging.getLogger(__name__)

@@ -16,7 +16,10 @@ from pathlib import Path
 import msgspec
 
 from linked_fleet_agent.wire.messages import Description
+from linked_fleet_gateway.api import cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_gateway.extensions.models.geometry import file_name, meshes_of
+from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     CheckFailed,
@@ -29,12 +32,9 @@ from linked_fleet_gateway.extensions.world.messages import (
 )
 from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
-from linked_fleet_gateway.fleet.geometry import file_name, meshes_of
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink, in_words
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live, Worker
 
 _log = logging.getLogger(__name__)
 
@@ -47,7 +47,7 @@ NO_ANSWER = CheckFailed("the process that checks motions gave no answer")
 class Checker:
     """Sends one question at a time. Meshes are cached in ``folder``."""
 
-    def __init__(self, folder: Path, idle_s: float = IDLE_S) -> None:
+    def __init__(self, folder: Path, idle_s: float = Worker.IDLE_S) -> None:
         self._folder = folder
         self._known: set[str] = set()
         self._known_before = frozenset[str]()
@@ -138,8 +138,8 @@ _MOST_TRIES = 3  # attempts for a robot during whose preparation the process end
 class Preparation:
     """Sends robots and objects to ``checker``; must be ended by ``close``."""
 
-    def __init__(self, live: Live, checker: Checker) -> None:
-        self._live, self._checker = live, checker
+    def __init__(self, live: Live, meshes: Meshes, checker: Checker) -> None:
+        self._live, self._meshes, self._checker = live, meshes, checker
         self._under_way: dict[str, asyncio.Task[None]] = {}
         self._unusable: dict[str, str] = {}
         self._unchecked: dict[str, tuple[UncheckedLink, ...]] = {}
@@ -283,7 +283,7 @@ class Preparation:
             unusable |= dict.fromkeys(sent.intersection(answer.meshes), "it is too large to be kept")
             for name in set(answer.meshes) - sent:
                 sent.add(name)
-                content = await self._live.meshes.get(robot, by_name[name])
+                content = await self._meshes.get(robot, by_name[name])
                 read = await self._checker.ask(PrepareMesh(name, content), _PREPARE_S)
                 if read == NO_ANSWER:
                     self._ended[key, name] += 1

@@ -2,15 +2,15 @@
 
 from collections.abc import Mapping
 
+from linked_fleet_gateway.api import link_path
 from linked_fleet_gateway.extensions.world.collisions import Collides, UncheckedLinks
 from linked_fleet_gateway.extensions.world.descriptions import object_path
 from linked_fleet_gateway.extensions.world.messages import CollisionFound, UncheckedNear
 from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.faces import unchecked_links as links_of
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import in_words
-from linked_fleet_gateway.resources.invocation import unchecked_links as links_of
-from linked_fleet_gateway.resources.paths import link_path
 
 
 class Refusals:

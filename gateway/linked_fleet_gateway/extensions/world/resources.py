@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 from zlib import crc32
 
+from linked_fleet_gateway.api import CONTAINER, Found, RequestView, Resource, Right, Source, blueprint_of
 from linked_fleet_gateway.extensions.world.collisions import COLLISIONS, NONE, Known, resolve_collisions
 from linked_fleet_gateway.extensions.world.descriptions import (
     OBJECTS,
@@ -18,12 +19,8 @@ from linked_fleet_gateway.extensions.world.descriptions import (
 )
 from linked_fleet_gateway.extensions.world.placement import LF, PLACEMENT, WORLD
 from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh
-from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.rdf.serialise import JSON, TEXT_TYPES
 from linked_fleet_gateway.rdf.vocabulary import LDP
-from linked_fleet_gateway.resources.affordance import FORM_TYPES
-from linked_fleet_gateway.resources.branches import Found, RequestView
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
-from linked_fleet_gateway.resources.versioning import Source
 
 _BLUEPRINT = "blueprint"
 
@@ -33,7 +30,7 @@ class PostObject:
     """Add an object to the world."""
 
     methods: ClassVar[tuple[str, ...]] = ("POST",)
-    body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
+    body_types: ClassVar[tuple[str, ...]] = (*TEXT_TYPES, JSON)
     reads: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
 
@@ -44,7 +41,7 @@ class PutObject:
 
     id: str
     methods: ClassVar[tuple[str, ...]] = ("PUT", "PATCH", "DELETE")
-    body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
+    body_types: ClassVar[tuple[str, ...]] = (*TEXT_TYPES, JSON)
     reads: ClassVar[bool] = False
     needs: ClassVar[tuple[Right, ...]] = (Right.ADMIN,)
 

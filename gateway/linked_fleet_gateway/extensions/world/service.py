@@ -11,6 +11,8 @@ from typing import Self
 
 from pyoxigraph import Triple
 
+from linked_fleet_gateway.api import FleetBranch, Found, RequestView, Table
+from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS, describe_frame, describe_objects, object_path
@@ -20,9 +22,7 @@ from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
-from linked_fleet_gateway.runtime.table import StoredRecords, Table
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_gateway.serving import Live, StoredRecords
 
 NOUN = "objects in the world"
 
@@ -35,13 +35,13 @@ def stored_objects(url: str, namespace: str) -> StoredRecords:
 class World:
     """An async context manager; meshes are cached in ``folder``."""
 
-    def __init__(self, live: Live, url: str, namespace: str, folder: Path) -> None:
+    def __init__(self, live: Live, meshes: Meshes, url: str, namespace: str, folder: Path) -> None:
         self._live = live
         stored = stored_objects(url, namespace)
         self.objects = Table(stored, NOUN, encode, decode, self._changed, live.faults)
         self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
         self.collisions = Collisions(live.fan_out.mark_changed)
-        self.checks = Checks(live, self.objects.known, folder, self.collisions)
+        self.checks = Checks(live, meshes, self.objects.known, folder, self.collisions)
         self._stack = AsyncExitStack()
 
     @property

@@ -14,20 +14,20 @@ from mirrored_fleet import MirroredFleet
 
 @pytest.mark.parametrize(
     ("broken", "named"),
-    [("robot_offers", "services"), ("cameras_of", "channels"), ("named_poses", "parameters")],
+    [("offers_at", "services"), ("cameras_of", "channels"), ("named_poses", "parameters")],
 )
 def test_the_others_are_listed(monkeypatch: pytest.MonkeyPatch, broken: str, named: str) -> None:
     usual, fleet, faults = getattr(catalogue, broken), MirroredFleet(), Faults()
 
     def fails(robot: Any) -> Any:
-        if robot.name == "bad":
+        if robot is not None and robot.name == "bad":
             raise RuntimeError("planted")
         return usual(robot)
 
     for name in ("bad", "good"):
         fleet.describe(name)
     monkeypatch.setattr(catalogue, broken, fails)
-    found = Catalogue(cast(Any, SimpleNamespace(fleet=fleet.fleet, faults=faults)), True)
+    found = Catalogue(cast(Any, SimpleNamespace(robots=fleet.fleet.robots, faults=faults)), True)
     assert found.update()
     parameters = found.parameters(EVERYBODY)
     listed = {

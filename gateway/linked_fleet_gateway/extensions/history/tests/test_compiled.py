@@ -14,9 +14,9 @@ from linked_fleet_gateway.extensions.history.track import Series, joint_series, 
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import render
 from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES
-from linked_fleet_gateway.resources.copies import Copies
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.templates import Templates
 
 _BASE = "http://example.org:8000"
 _TYPES = ("text/turtle", "application/ld+json")
@@ -35,6 +35,10 @@ def _property(shape: NamedNode, title: str) -> Property:
 
 
 def _resource(page: Page, item: Property, series: Series, of: str) -> Resource:
+    return Resource(f"{of}/history", "History", history_template(_BASE, of, item, series, page))
+
+
+def _described(page: Page, item: Property, series: Series, of: str) -> Resource:
     def describe(graph: Graph) -> None:
         thing, robot = of.rpartition("/")[0], "/" + of.split("/")[1]
         iri, about, place, whole = (
@@ -42,13 +46,13 @@ def _resource(page: Page, item: Property, series: Series, of: str) -> Resource:
         )
         describe_property(graph, iri, about, place, whole, item, series, page)
 
-    return Resource(f"{of}/history", "History", describe, template=history_template(_BASE, of, item, series, page))
+    return Resource(f"{of}/history", "History", describe)
 
 
 @pytest.mark.parametrize("media_type", _TYPES)
-def test_a_copied_history_equals_the_described_one(media_type: str) -> None:
+def test_a_filled_history_equals_the_described_one(media_type: str) -> None:
     """Whatever the number of samples, and for single numbers and vectors; one text serves all longer ones."""
-    copies, kept = Copies(), track(*range(S, 30 * S, S))
+    templates, kept = Templates(), track(*range(S, 30 * S, S))
     one, other = _property(LF.ScalarPropertyShape, "velocity of turn"), _property(LF.PoseShape, "pose of b")
     turning = joint_series(kept.joints, "turn", one)
     assert turning is not None
@@ -58,21 +62,24 @@ def test_a_copied_history_equals_the_described_one(media_type: str) -> None:
         for of in ("/r/turn/velocity", "/q/q/velocity"):
             for item, series in ((one, turning), (other, link_series(kept.joints, "b"))):
                 resource = _resource(page, item, series, of)
-                copy = copies.document(resource, media_type, _BASE)
-                written = render(resource.full_graph(_BASE).triples, media_type, PREFIXES, base=_BASE + resource.path)
-                assert copy is not None and copy.content == written, (said, of, item.title)
+                found = templates.document(resource, media_type, _BASE)
+                assert found is not None
+                for described in (resource, _described(page, item, series, of)):
+                    triples = described.full_graph(_BASE).triples
+                    written = render(triples, media_type, PREFIXES, base=_BASE + resource.path)
+                    assert found.content == written, (said, of, item.title)
 
 
 def test_histories_of_other_lengths_share_a_text() -> None:
-    copies, kept = Copies(), track(*range(S, 30 * S, S))
+    templates, kept = Templates(), track(*range(S, 30 * S, S))
     item = _property(LF.ScalarPropertyShape, "velocity of turn")
     series = joint_series(kept.joints, "turn", item)
     assert series is not None
     for most in (3, 7, 20):
         page = Page(Span(begin_ns=0), kept.excerpt(0, None, most), kept.time_range, len(kept))
         resource = _resource(page, item, series, "/r/turn/velocity")
-        assert copies.is_known(resource, "text/turtle", _BASE) == (most > 3)
-        assert copies.document(resource, "text/turtle", _BASE) is not None
+        assert templates.is_known(resource, "text/turtle", _BASE) == (most > 3)
+        assert templates.document(resource, "text/turtle", _BASE) is not None
 
 
 def test_unknown_values_are_described() -> None:

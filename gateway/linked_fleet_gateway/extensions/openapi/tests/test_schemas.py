@@ -5,6 +5,7 @@ from typing import Any
 import pytest
 from jsonschema import Draft202012Validator
 
+from linked_fleet_gateway.extensions.openapi.operations import segment_schema
 from linked_fleet_gateway.extensions.openapi.schemas import (
     example,
     extract_alternatives,
@@ -13,7 +14,6 @@ from linked_fleet_gateway.extensions.openapi.schemas import (
     merge_null,
     union,
 )
-from linked_fleet_gateway.http.operations import segment_schema
 from linked_fleet_gateway.resources.json_form import Json
 
 DEG, RAD = "http://unit/DEG", "http://unit/RAD"

@@ -9,8 +9,10 @@ from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.extension import Pages
 from linked_fleet_gateway.extensions.pages.page import write
 from linked_fleet_gateway.http.problem import problem
+from linked_fleet_gateway.http.representation import FORMATS
 from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDF, RDFS, UNIT, VOM, XSD
+from linked_fleet_gateway.resources.html import PageContext, Reader
 from linked_fleet_gateway.resources.resource import Resource
 
 BASE = "http://example.org"
@@ -25,11 +27,12 @@ EVIL = (
     "{{ 7 * 7 }}{% raw %}",
     "]]>&lt;&amp;&#60;",
 )
+NOBODY_READS = PageContext()
 BROWSER = "text/html,application/xhtml+xml,application/xml;q=0.9,*/*;q=0.8"
 
 
-def page(*triples: Triple, path: str = "/r/", title: str = "r") -> bytes:
-    return write(Resource(path, title, lambda graph: None), triples, BASE)
+def page(*triples: Triple, path: str = "/r/", title: str = "r", context: PageContext = NOBODY_READS) -> bytes:
+    return write(Resource(path, title, lambda graph: None), triples, BASE, context, FORMATS)
 
 
 def said(predicate: NamedNode, value: NamedNode | BlankNode | Literal) -> Triple:
@@ -145,6 +148,20 @@ def test_the_command_to_copy_is_quoted_for_a_shell() -> None:
     path = "/r/it's-$(x)"
     (command,) = [each.text for each in parsed(page(path=path)).all("code") if each.get("id") == "curl"]
     assert command == "curl -H 'Accept: text/turtle' " + "'" + BASE + path.replace("'", "'\"'\"'") + "'"
+
+
+@pytest.mark.parametrize("path", ["/r/", "/r/?last=10s"])
+def test_the_context_of_a_page_is_that_of_its_request(path: str) -> None:
+    """Its reader, the warning, the query in the addresses of other formats, and whether subscriptions are linked."""
+    of = Triple(NamedNode(BASE + path), HYBRIT.subscriptions, NamedNode(BASE + "/r/subscriptions"))
+    context = PageContext(Reader("Ada", ("read",)), "last=10s", links_subscriptions=False, warning="Data are lost.")
+    told = parsed(page(of, path=path, context=context))
+    assert [each.text for each in told.all("bdi") if each.get("id") == "who"] == ["Ada"]
+    assert [each.text for each in told.all("p") if each.get("id") == "warning"] == ["Data are lost."]
+    links = [each.get("href") for each in told.all("a")]
+    assert f"{BASE}/r/?as=turtle&last=10s" in links and f"{BASE}/r/subscriptions" not in links
+    links = [each.get("href") for each in parsed(page(of, path=path)).all("a")]
+    assert f"{BASE}/r/?as=turtle" in links and f"{BASE}/r/subscriptions" in links
 
 
 @pytest.mark.parametrize(

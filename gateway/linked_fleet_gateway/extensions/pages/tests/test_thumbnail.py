@@ -7,7 +7,7 @@ from xml.etree import ElementTree as ET
 import pytest
 from pyoxigraph import Literal
 
-from linked_fleet_gateway.extensions.pages.assets import THUMBNAILS
+from linked_fleet_gateway.extensions.pages.branches import THUMBNAILS
 from linked_fleet_gateway.extensions.pages.thumbnail import HEIGHT, SVG, WIDTH, drawing
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.rdf.vocabulary import LF

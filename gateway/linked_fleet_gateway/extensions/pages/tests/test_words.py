@@ -90,20 +90,6 @@ def test_a_motion_is_a_sentence() -> None:
     assert texts.motion("/actions/stopAll/invocations/7", "/", {}) == "Stop all"
 
 
-@pytest.mark.parametrize(
-    ("what", "path", "said"),
-    [
-        ("PUT", "/ur5/elbow/actions/rotate", "rotate elbow"),
-        ("PUT", "/ur5/maximumSpeedScale", "set maximum speed scale of ur5"),
-        ("subscribe", "/", "subscribe to the fleet"),
-        ("DELETE", "/ur5/elbow/actions/rotate/invocations/6f1d2c3b-aaaa", "stop rotate elbow"),
-        ("POST", "/world/objects", "add to world objects"),
-    ],
-)
-def test_a_request_is_described_in_words(what: str, path: str, said: str) -> None:
-    assert texts.audit_text(what, path) == said
-
-
 def test_terms_are_words_and_have_help() -> None:
     assert texts.term_in_words("http://vocab.arvida.de/2015/06/spatial/vocab#Rotation3D") == "rotation 3D"
     assert texts.term_in_words(f"{LF}lastSeen") == "last seen"

@@ -23,7 +23,7 @@ def _ask(_: Feed) -> QueryRequest:
 
 def _with_process(idle_s: float, run: Callable[[QueryProcess], Awaitable[None]]) -> None:
     async def main() -> None:
-        process = QueryProcess(lambda: Feed(Fleet(), {}, lambda: None), idle_s)  # type: ignore[arg-type, return-value]
+        process = QueryProcess(lambda: Feed(Fleet(), {}, lambda robot, path: []), idle_s)  # type: ignore[arg-type, return-value]
         try:
             await run(process)
         finally:

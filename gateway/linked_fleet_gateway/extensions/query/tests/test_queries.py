@@ -23,7 +23,7 @@ from linked_fleet_gateway.extensions.query.turns import QueryTooCostly, ResultTo
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.identity.rights import ALL, View, view
+from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
 from linked_fleet_gateway.subscriptions.live import Live
 from mirrored_fleet import MirroredFleet
@@ -40,7 +40,7 @@ PREFIX spatial: <http://vocab.arvida.de/2015/06/spatial/vocab#>
 POSITIONS = """SELECT ?robot ?position {
     ?joint dcterms:isPartOf/dcterms:title ?robot ; ros:rotation/spatial:rotationAngle/vom:numericalValue ?position }"""
 COSTLY = "SELECT (COUNT(*) AS ?n) { ?a ?b ?c . ?d ?e ?f . ?g ?h ?i }"
-ONE = view(frozenset({"a"}), "ann")
+ONE = View.of(frozenset({"a"}), "ann")
 
 
 @dataclass

@@ -8,7 +8,7 @@ import time
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import pytest
 from mcap.reader import make_reader
@@ -18,6 +18,7 @@ from rdflib import URIRef
 from browser import DCTERMS, LDP, Browser
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
+from linked_fleet_gateway.api import Core
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.history.recorder import History
@@ -52,7 +53,8 @@ class Bench(Recorder):
 
     def __init__(self, bench: Any, live: Live, folder: Path, robots: int) -> None:
         history = History(live.fleet, 300.0, 10.0, 10**6)
-        super().__init__(live, history, folder)
+        nothing = cast(Any, None)
+        super().__init__(Core(live, nothing, nothing, None, "", "", "", (), folder), history, folder)
         live.fleet = bench.fleet
         for number in range(robots):
             robot = bench.robot({"pan": ("continuous", "")}, name=f"r{number}")
@@ -180,7 +182,7 @@ async def test_gateways_of_one_folder_keep_one_recording_of_an_invocation(made: 
     """Each of them records it, and they would not know each other's files before their next start."""
     one = made.begin(stops=())
     await made._write_next()
-    other = Recorder(made._live, made._history, made._folder)
+    other = Recorder(made._core, made._history, made._folder)
     await asyncio.sleep(1.0)
     other.record_outcome(one)
     await other._write_next()

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import BadRequest, FleetError
+from linked_fleet_gateway.base.errors import BadRequest, FleetError, PreconditionFailed
 from linked_fleet_gateway.extensions.things import kept_listings
 from linked_fleet_gateway.extensions.things.directory import MOST, Listing
 from linked_fleet_gateway.extensions.things.extension import Directory, _array
@@ -238,7 +238,7 @@ def test_the_memory_of_listings_is_bounded(monkeypatch: pytest.MonkeyPatch) -> N
     directory = Directory({}, _at_once)
     for offset in range(30):
         _get(f"limit=5&offset={offset}", directory=directory)
-        assert sum(each.size for each in directory._kept._kept.values()) <= 200_000
+        assert sum(each.content.size for each in directory._kept._kept.values()) <= 200_000
 
 
 async def test_a_listing_of_two_states_is_not_kept() -> None:
@@ -268,3 +268,11 @@ def test_the_directory_is_available_in_rdf_by_pages() -> None:
         found += [line.split()[2].strip("<>") for line in lines if line.split()[1].endswith("ldp#contains>")]
         query = next((line.split()[2].strip("<>").partition("?")[2] for line in lines if "vocab#next>" in line), "")
     assert sorted(found) == ids and not query
+
+
+def test_a_client_can_ask_for_the_list_that_it_knows_alone() -> None:
+    """If-Match applies to GET too (RFC 9110, 13.1.1)."""
+    tag = _get().headers["etag"]
+    assert _get(if_match=tag).status == 200
+    with pytest.raises(PreconditionFailed):
+        _get(if_match=tag, without="mute")

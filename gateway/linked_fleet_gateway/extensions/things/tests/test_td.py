@@ -16,7 +16,7 @@ from linked_fleet_gateway.extensions.things.directory import BRANCHES, Listing
 from linked_fleet_gateway.fleet.events import Appeared, Described
 from linked_fleet_gateway.fleet.fleet import DESCRIPTION_WAIT_NS, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.identity.rights import ALL, View, view
+from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.rdf.vocabulary import LF, ROS, UNIT, VOM
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Invoke, PutTarget
@@ -277,7 +277,7 @@ def test_an_invalid_json_body_is_refused(body: bytes, error: type[Exception]) ->
 
 
 def test_things_exclude_invisible_robots() -> None:
-    tree = _tree(view(frozenset({"r"}), "who"), secured=True)
+    tree = _tree(View.of(frozenset({"r"}), "who"), secured=True)
     said = json.dumps(_td("/", tree)) + json.dumps(_td("/.well-known/wot", tree))
     assert "secret" not in said and f"{BASE}/r/" in said
     assert tree.resolve(f"/things/{BASE}/secret/") is None

@@ -16,6 +16,7 @@ from linked_fleet_agent.wire.messages import Description, Mesh, Move, State
 from linked_fleet_gateway.actions.plan import TIME_TO_LIVE_NS, Motion, RobotTime, build_command
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world import checks
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked, UncheckedLinks
@@ -27,10 +28,9 @@ from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRe
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
-from linked_fleet_gateway.identity.rights import ALL, View, view
+from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
-from linked_fleet_gateway.link.meshes import Meshes
-from linked_fleet_gateway.runtime.worker import IDLE_S, Worker
+from linked_fleet_gateway.runtime.worker import Worker
 from meshes import channel, stl
 from virtual.zenoh_network import ZenohNetwork
 
@@ -53,11 +53,10 @@ def content(name: str) -> bytes:
 class Scene:
     """Robots with a mesh that they serve only when permitted, and the checks of their motions."""
 
-    def __init__(self, folder: Path, idle_s: float = IDLE_S) -> None:
+    def __init__(self, folder: Path, idle_s: float = Worker.IDLE_S) -> None:
         self.live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
-        self.live.meshes = Meshes(self._ask)
         self.objects: dict[str, SceneObject] = {}
-        self.checks = Checks(self.live, self.objects, folder, idle_s=idle_s)
+        self.checks = Checks(self.live, Meshes(self._ask), self.objects, folder, idle_s=idle_s)
         self.asked: dict[str, asyncio.Event] = {}
         self.let: dict[str, asyncio.Event] = {}
         self.silent: set[str] = set()
@@ -115,7 +114,7 @@ class Scene:
 
 
 @asynccontextmanager
-async def scene_in(folder: Path, idle_s: float = IDLE_S) -> AsyncIterator[Scene]:
+async def scene_in(folder: Path, idle_s: float = Worker.IDLE_S) -> AsyncIterator[Scene]:
     made = Scene(folder, idle_s)
     async with made.checks:
         yield made
@@ -233,7 +232,7 @@ async def test_a_placement_that_cannot_be_read_is_unknown_and_stops_no_preparati
             with pytest.raises(Unchecked, match="placement of bad cannot be read"):
                 await scene.is_free(robot)
         with pytest.raises(Unchecked, match="placement of another robot cannot be read"):
-            await scene.is_free(good, view(frozenset({"good"}), "somebody"))
+            await scene.is_free(good, View.of(frozenset({"good"}), "somebody"))
         bad.settings = {}
         assert await scene.is_free(good)
         assert [each.getMessage() for each in caplog.records].count(
@@ -249,7 +248,7 @@ async def test_a_collision_with_an_invisible_robot_does_not_tell_its_place(tmp_p
         with pytest.raises(Collides, match="of beside") as whole:
             await scene.is_free(robot)
         with pytest.raises(Collides, match="would meet another robot") as part:
-            await scene.is_free(robot, view(frozenset({"here"}), "somebody"))
+            await scene.is_free(robot, View.of(frozenset({"here"}), "somebody"))
         assert whole.value.point is not None and part.value.point is None
         assert len(part.value.things) == len(part.value.names) == 1
 
@@ -286,7 +285,7 @@ async def test_motions_beside_unchecked_links_are_refused_and_name_what_the_call
             await scene.finding(robot)
         assert [path for path, _ in whole.value.unchecked] == ["/gappy/foot"] and "gappy" not in whole.value.reason
         with pytest.raises(UncheckedLinks, match="parts of another robot that may meet here") as part:
-            await scene.finding(robot, view(frozenset({"here"}), "somebody"))
+            await scene.finding(robot, View.of(frozenset({"here"}), "somebody"))
         assert part.value.members == {}
         with pytest.raises(UncheckedLinks, match="parts of gappy that may meet here: foot"):
             await scene.finding(gappy)
@@ -298,7 +297,7 @@ async def test_a_neighbour_whose_placement_accepts_its_unchecked_links_is_named(
         gappy = scene.robot("gappy", x=1.0, mesh="none.stl", accepts_unchecked=True)
         await scene.checks.wait_until_ready(robot, ALL)
         assert [path for path, _ in (await scene.finding(robot)).unchecked] == ["/gappy/foot"]
-        assert (await scene.finding(robot, view(frozenset({"here"}), "somebody"))).unchecked == ()
+        assert (await scene.finding(robot, View.of(frozenset({"here"}), "somebody"))).unchecked == ()
         assert (await scene.finding(gappy)).free
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from linked_fleet_agent.mesh_files import MeshFiles, mesh_files
+from linked_fleet_gateway.extensions.models.geometry import file_name
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
@@ -25,7 +26,6 @@ from linked_fleet_gateway.extensions.world.messages import (
 from linked_fleet_gateway.extensions.world.scene import Box
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache
 from linked_fleet_gateway.extensions.world.worker import Worker
-from linked_fleet_gateway.fleet.geometry import file_name
 from linked_fleet_gateway.fleet.model import Pose
 from mesh_package import write
 

@@ -1,11 +1,13 @@
 """The world as triples for queries: complete, and stable if nothing has changed."""
 
+from functools import partial
 from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.models.meshes import Meshes, ask
 from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, encode
 from linked_fleet_gateway.extensions.world.service import World
@@ -23,7 +25,7 @@ BASE = "http://fleet.test"
 def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path: Path) -> None:
     settings = GatewaySettings()
     live = create_live(settings, ZenohNetwork().gateway("g"))
-    world = World(live, "unix:///nowhere", settings.namespace, tmp_path)
+    world = World(live, Meshes(partial(ask, live.link)), "unix:///nowhere", settings.namespace, tmp_path)
     view = RequestView(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
     where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
     for i in range(150):  # more than one page shows

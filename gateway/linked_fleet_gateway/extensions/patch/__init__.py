@@ -1,0 +1,1 @@
+"""Patch: PATCH of a resource by a SPARQL update of its description."""

@@ -1,0 +1,44 @@
+"""The contract of serving: names by which an extension answers requests in its own way (docs/EXTENDING.md).
+
+They are for own forms of bodies, preconditions, protocols and logins, and for what goes on beside requests: processes,
+tables of an own form, and invocations for a client. ``VERSION`` counts changes that break extensions.
+"""
+
+from linked_fleet_gateway.actions.plan import Caller, RobotTime, robot_time
+from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
+from linked_fleet_gateway.http.body import convert_body, parse_body, parse_form, read_body
+from linked_fleet_gateway.http.fields import Link as WebLink
+from linked_fleet_gateway.http.fields import link_header
+from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong
+from linked_fleet_gateway.http.preconditions import (
+    await_preconditions,
+    check_preconditions,
+    resolve_under_preconditions,
+)
+from linked_fleet_gateway.http.problem import problem
+from linked_fleet_gateway.http.representation import not_modified
+from linked_fleet_gateway.http.scheduling import TokenBuckets, stop_segments
+from linked_fleet_gateway.http.streams import wants_events
+from linked_fleet_gateway.http.websocket import ConnectionEnded, frame
+from linked_fleet_gateway.http.writes import check_acceptable, created_response, patch_types, read_change
+from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
+from linked_fleet_gateway.identity.roster import Issuer
+from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.link.fleet_link import NoAnswer
+from linked_fleet_gateway.runtime.background import run_last_step
+from linked_fleet_gateway.runtime.redis import Connection as RedisConnection
+from linked_fleet_gateway.runtime.replica import Replica
+from linked_fleet_gateway.runtime.table import StoredRecords
+from linked_fleet_gateway.runtime.worker import Worker
+from linked_fleet_gateway.subscriptions.live import Live
+
+VERSION = 1
+
+__all__ = [
+    "VERSION", "Authenticated", "BadToken", "Caller", "ConnectionEnded", "Identities", "Issuer", "IssuerFailed",
+    "Live", "NoAnswer", "RedisConnection", "Replica", "Reply", "ReplyTooLong", "RobotTime", "StoredRecords",
+    "TokenBuckets", "WebLink", "Worker", "arrival_of", "await_preconditions", "check_acceptable",
+    "check_preconditions", "convert_body", "created_response", "frame", "link_header", "not_modified", "parse_body",
+    "parse_form", "patch_types", "problem", "read_body", "read_change", "resolve_under_preconditions", "robot_time",
+    "run_last_step", "stop_segments", "wants_events",
+]  # fmt: skip

@@ -1,0 +1,223 @@
+"""Compilation of a shapes graph. Shapes are trusted: the cost of their patterns and paths is not bounded."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+
+from linked_fleet_shacl.check import CompiledGraph, CompiledShape, Constraint, Count, Relation, Shape
+from linked_fleet_shacl.constraints import COUNTS, EACH
+from linked_fleet_shacl.data import (
+    Reach,
+    alternative_path,
+    inverse_path,
+    optional_path,
+    predicate_path,
+    repeated_path,
+    sequence_path,
+)
+from linked_fleet_shacl.relations import RELATIONS
+from linked_fleet_shacl.report import TermTexts, shortened, term_text
+from linked_fleet_shacl.statements import (
+    TARGETS,
+    Statements,
+    Unsupported,
+    at_most_one,
+    boolean,
+    exactly_one,
+    natural_number,
+    targets,
+)
+from linked_fleet_shacl.terms import PREFIXES, RDF, SHACL, Node, Term
+
+_KNOWN = frozenset(
+    (*COUNTS, *RELATIONS, *EACH, *TARGETS, SHACL.property, SHACL.path, SHACL.flags, SHACL.ignoredProperties, SHACL.name,
+     SHACL.description, SHACL.order, SHACL.group, SHACL.defaultValue, SHACL.message, SHACL.severity, SHACL.deactivated)
+)  # fmt: skip
+_WITH_QUALIFIED = (SHACL.qualifiedMinCount, SHACL.qualifiedMaxCount, SHACL.qualifiedValueShapesDisjoint)
+_OF_GRAPHS = {SHACL.parameter: "constraint components of one's own", SHACL.entailment: "sh:entailment"}
+
+
+def compile_shape(
+    triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], shape: Node, prefixes: Mapping[str, str] = PREFIXES
+) -> CompiledShape:
+    """Compile ``shape`` of a shapes graph for any focus node, ignoring targets; ``prefixes`` shorten IRIs in messages.
+
+    Raises Unsupported, which names the construct.
+    """
+    return Compiler(triples, prefixes).compile(shape)
+
+
+def compile_graph(
+    triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str] = PREFIXES
+) -> CompiledGraph:
+    """Compile all shapes of a graph that have targets. Raises Unsupported, which names the construct."""
+    compiler = Compiler(triples, prefixes)
+    triples = [triple for about in compiler.triples.values() for triple in about]
+    return CompiledGraph([(compiler.compile(shape), find) for shape, find in targets(triples)])
+
+
+def _by_subject(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
+    found: dict[Node, list[Triple]] = {}
+    for triple in triples:
+        found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
+    return found
+
+
+class Compiler:
+    """Compiles several shapes of one graph, which is searched once for what is unsupported. Raises Unsupported."""
+
+    def __init__(
+        self, triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str] = PREFIXES
+    ) -> None:
+        self.triples = triples if isinstance(triples, Mapping) else _by_subject(triples)
+        self.texts = TermTexts(prefixes)
+        for predicate in (t.predicate for about in self.triples.values() for t in about):
+            if predicate in _OF_GRAPHS:
+                raise Unsupported(_OF_GRAPHS[predicate])
+        self._open: set[Node] = set()
+        self._done: dict[tuple[Node, int], Shape] = {}
+
+    def compile(self, shape: Node) -> CompiledShape:
+        """Compile a shape as ``compile_shape`` does. Raises Unsupported, after which nothing else may be compiled."""
+        return CompiledShape(self.shape(shape, 0), self.triples, self.texts)
+
+    def shape(self, node: Term, depth: int) -> Shape:
+        """Return ``node`` as a shape whose focus nodes are ``depth`` paths away from the first one (2 means two or
+        more).
+        """
+        if isinstance(node, Literal) or node not in self.triples:
+            raise Unsupported(f"{term_text(node)} is not described as a shape")
+        if node in self._open:
+            raise Unsupported(f"{term_text(node)} refers to itself")
+        if (node, depth) not in self._done:
+            self._open.add(node)
+            self._done[node, depth] = self._compile(node, depth)
+            self._open.discard(node)
+        return self._done[node, depth]
+
+    def _compile(self, node: Node, depth: int) -> Shape:
+        stated = self.statements(node)
+        _refuse_unknown(stated)
+        path = at_most_one(stated, SHACL.path)
+        if isinstance(path, Literal):
+            raise Unsupported("a literal as path")
+        name = _text(stated, SHACL.name) or (self.texts.text(path) if isinstance(path, NamedNode) else "")
+        severity = at_most_one(stated, SHACL.severity) or SHACL.Violation
+        if not isinstance(severity, NamedNode):
+            raise Unsupported(f"sh:severity {term_text(severity)}")
+        shape = Shape(
+            node, path, self._reach(path), name, _text(stated, SHACL.message), path is not None and depth >= 2, severity
+        )  # fmt: skip
+        if SHACL.deactivated in stated and boolean(stated, SHACL.deactivated):
+            return shape
+        inner = depth if path is None else min(depth + 1, 2)
+        shape = replace(
+            shape,
+            counts=tuple(c for p in stated if p in COUNTS for c in COUNTS[p](self, stated, inner)),
+            relations=tuple(c for p in stated if p in RELATIONS for c in RELATIONS[p](self, stated, inner)),
+            value_constraints=tuple(c for p in stated if p in EACH for c in EACH[p](self, stated, inner)),
+            properties=tuple(self._property(each, inner) for each in stated.get(SHACL.property, ())),
+        )
+        shape.requires = self._requires(shape, stated)
+        shape.expected = _expected(shape)
+        return shape
+
+    def _property(self, node: Term, depth: int) -> Shape:
+        shape = self.shape(node, depth)
+        if shape.path is None:
+            raise Unsupported(f"sh:property {term_text(node)} without sh:path")
+        return shape
+
+    def _requires(self, shape: Shape, stated: Statements) -> dict[NamedNode, frozenset[Term]]:
+        if shape.path is None:
+            return {p: terms for each in shape.properties for p, terms in each.requires.items()}
+        if not isinstance(shape.path, NamedNode):
+            return {}
+        if SHACL.hasValue in stated:
+            return {shape.path: frozenset(stated[SHACL.hasValue][:1])}
+        if SHACL.in_ in stated and SHACL.minCount in stated and natural_number(stated, SHACL.minCount) > 0:
+            return {shape.path: frozenset(self.items(stated[SHACL.in_][0]))}
+        return {}
+
+    def statements(self, node: Term) -> dict[NamedNode, list[Term]]:
+        found: dict[NamedNode, list[Term]] = {}
+        for triple in dict.fromkeys(self.triples.get(node, ())):  # type: ignore[arg-type]
+            found.setdefault(triple.predicate, []).append(triple.object)
+        return found
+
+    def paths(self, properties: Iterable[Term]) -> Iterable[NamedNode]:
+        """Return the predicates of property shapes."""
+        found = (self.statements(each).get(SHACL.path, ()) for each in properties)
+        return (path for some in found for path in some if isinstance(path, NamedNode))
+
+    def items(self, head: Term) -> list[Term]:
+        """Return the members of an RDF collection."""
+        found: list[Term] = []
+        seen = set()
+        while head != RDF.nil:
+            if head in seen:
+                raise Unsupported("a collection without an end")
+            seen.add(head)
+            cell = self.statements(head)
+            found.append(exactly_one(cell, RDF.first))
+            head = exactly_one(cell, RDF.rest)
+        return found
+
+    def _reach(self, path: Term | None) -> Reach:
+        if path is None:
+            return lambda _, focus: (focus,)
+        if isinstance(path, NamedNode):
+            return predicate_path(path)
+        if not isinstance(path, BlankNode) or path in self._open:
+            raise Unsupported(f"{term_text(path)} as path")
+        self._open.add(path)
+        reach = self._complex_path(self.statements(path), path)
+        self._open.discard(path)
+        return reach
+
+    def _complex_path(self, stated: Statements, path: BlankNode) -> Reach:
+        if RDF.first in stated:
+            return sequence_path(self._ways(path))
+        if len(stated) != 1:
+            raise Unsupported("a path that is none")
+        (kind,) = stated
+        inner = exactly_one(stated, kind)
+        if kind == SHACL.alternativePath:
+            return alternative_path(self._ways(inner))
+        # pySHACL inverts the steps of an inverse sequence but not their order, so such paths are refused.
+        if kind == SHACL.inversePath and isinstance(inner, NamedNode):
+            return inverse_path(inner)
+        if kind == SHACL.zeroOrOnePath:
+            return optional_path(self._reach(inner))
+        if kind in (SHACL.zeroOrMorePath, SHACL.oneOrMorePath):
+            return repeated_path(self._reach(inner), with_focus=kind == SHACL.zeroOrMorePath)
+        raise Unsupported(f"{term_text(kind)} of {term_text(inner)}")
+
+    def _ways(self, head: Term) -> list[Reach]:
+        ways = [self._reach(each) for each in self.items(head)]
+        if len(ways) < 2:
+            raise Unsupported("a path of fewer than two parts")
+        return ways
+
+
+def _refuse_unknown(stated: Statements) -> None:
+    known = _KNOWN.union(_WITH_QUALIFIED) if SHACL.qualifiedValueShape in stated else _KNOWN
+    for predicate in stated:
+        if predicate.value.startswith(SHACL.iri) and predicate not in known:
+            raise Unsupported(term_text(predicate))
+    if SHACL.qualifiedValueShapesDisjoint in stated and boolean(stated, SHACL.qualifiedValueShapesDisjoint):
+        raise Unsupported("sh:qualifiedValueShapesDisjoint")
+
+
+def _text(stated: Statements, predicate: NamedNode) -> str | None:
+    texts = [term.value for term in stated.get(predicate, ()) if isinstance(term, Literal)]
+    return texts[0] if texts else None
+
+
+def _expected(shape: Shape) -> str:
+    """Return the condition as part of a sentence: ``value at least 3 and at most 5``."""
+    stated: list[Count | Relation | Constraint] = [*shape.counts, *shape.relations, *shape.value_constraints]
+    own = [each.expected for each in stated]
+    own = [f"{shape.name} {' and '.join(own)}"] if own and shape.name else own
+    return shortened(" and ".join([*own, *(each.expected for each in shape.properties)]))
