@@ -10,6 +10,7 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from itertools import islice
+from typing import Any
 
 from msgspec import UNSET, Raw
 
@@ -78,7 +79,7 @@ def describe(
     rate_hz: float,
     meshes: tuple[Mesh, ...],
     cameras: tuple[Camera, ...],
-    components: bytes = b"[]",
+    components: tuple[Any, ...] = (),
 ) -> Description:
     """Return the description of a robot, which holds for one run of its agent, and log what it leaves out.
 
@@ -103,7 +104,7 @@ def describe(
         annotations=facts.annotations,
         meshes=meshes,
         cameras=cameras,
-        components=Raw(components),
+        components=components,
         layout=codec.layout(len(facts.joints), facts.floating),
     )
 

@@ -24,9 +24,9 @@ def declarations_of(components: Iterable[Component], links: Collection[str], joi
     return declared
 
 
-def encoded(declared: Sequence[Declared]) -> bytes:
+def encoded(declared: Sequence[Declared]) -> tuple[Any, ...]:
     """Return ``components`` of a description."""
-    return msgspec.json.encode([each.said for each in declared])
+    return tuple(msgspec.to_builtins(each.said) for each in declared)
 
 
 class Host:

@@ -136,24 +136,17 @@ class Occurrence(Struct, frozen=True, kw_only=True):
 
 
 def read_declarations(
-    payload: bytes, links: Collection[str], joints: Collection[str]
+    said: Sequence[Any], links: Collection[str], joints: Collection[str]
 ) -> tuple[list[Component], list[str]]:
-    """Return the components that ``payload``, a JSON array, declares, and a sentence for each that is refused."""
-    if len(payload) > MAX_DECLARATIONS_BYTES:
-        return [], [f"the components are refused: {len(payload)} bytes; {MAX_DECLARATIONS_BYTES} is the maximum"]
-    try:
-        raw = msgspec.json.decode(payload, type=list[Raw])
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        return [], [f"the components are refused: {error}"]
-    return _accept(raw, links, joints)
-
-
-def _accept(raw: Sequence[Raw], links: Collection[str], joints: Collection[str]) -> tuple[list[Component], list[str]]:
+    """Return the components that a description declares, and a sentence for each that is refused."""
+    size = len(msgspec.json.encode(said))
+    if size > MAX_DECLARATIONS_BYTES:
+        return [], [f"the components are refused: {size} bytes; {MAX_DECLARATIONS_BYTES} is the maximum"]
     accepted, refused = list[Component](), list[str]()
-    for index, each in enumerate(raw):
+    for index, each in enumerate(said):
         try:
-            component = msgspec.json.decode(each, type=Component)
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            component = msgspec.convert(each, Component)
+        except (msgspec.ValidationError, RecursionError) as error:
             refused.append(f"component {index + 1} is refused: {error}")
             continue
         problem = declaration_problem(component, links, joints) or _excess(component, accepted)

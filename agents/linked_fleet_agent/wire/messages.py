@@ -1,6 +1,6 @@
 """The messages between agents and gateways (PROTOCOL.md). SI units; angles in radian, lengths in metre."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
@@ -78,7 +78,7 @@ class Description(Struct, frozen=True, kw_only=True):
     annotations: Text = ""
     meshes: Annotated[tuple[Mesh, ...], Meta(max_length=MAX_MESHES)] = ()
     cameras: Annotated[tuple[Camera, ...], Meta(max_length=MAX_CAMERAS)] = ()
-    components: Raw = Raw(b"[]")
+    components: tuple[Any, ...] = ()
     layout: Annotated[tuple[Field, ...], Meta(max_length=64)]
 
 
