@@ -31,8 +31,9 @@ COUNTS = {
     "identities": 300,
     "mcp": 250,
     "descriptions": 500,
+    "components": 2000,
 }
-PURE = {"wire", "bodies", "ros2", "descriptions"}
+PURE = {"wire", "components", "bodies", "ros2", "descriptions"}
 SERVED = (pytest.mark.processes, pytest.mark.test_all)
 
 

@@ -3,6 +3,7 @@
 A schema comes from a robot, so all that it may cost is bounded: its depth, its members and its patterns. Pure.
 """
 
+import json
 import re
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal
@@ -169,7 +170,8 @@ def _same(one: object, other: object) -> bool:
 
 
 def _shown(value: object) -> str:
-    text = msgspec.json.encode(value).decode()
+    # Python's strings may have unpaired surrogates, which no answer could carry.
+    text = json.dumps(value, ensure_ascii=False).encode("utf-8", "replace").decode()
     return text if len(text) <= 64 else f"{text[:60]}…"
 
 
