@@ -31,7 +31,7 @@ _CHOSEN = {
     },
     "Resource": dict.fromkeys(
         ("path", "title", "describe", "interaction_model", "source", "own_paths", "part_paths", "typed_links",
-         "affords", "documents", "remote", "file_names", "immutable",
+         "affords", "documents", "remote", "immutable",
          "publishes_changes", "replace", "full_graph"), "",
     ),
     "FleetError": dict.fromkeys(("status", "code", "title", "retry_after_s", "member_names"), ""),

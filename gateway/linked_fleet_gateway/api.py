@@ -43,7 +43,7 @@ from linked_fleet_gateway.resources.container import Container, Member
 from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_path
 from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import Content, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.runtime.metrics import counter, gauge, gauges
@@ -54,7 +54,7 @@ VERSION = 1
 
 __all__ = [
     "DCTERMS", "LDP", "LF", "METRE", "ON_OFF", "RADIAN", "RDF", "RDFS", "SECOND", "TEXT", "UNITLESS", "VERSION",
-    "ActionRequest", "AsgiResponse", "BadRequest", "Body", "Busy", "Call", "Conflict", "Container", "Core",
+    "ActionRequest", "AsgiResponse", "BadRequest", "Body", "Busy", "Call", "Conflict", "Container", "Content", "Core",
     "DeferredPlan", "Demand", "Extension", "FleetBranch", "FleetError", "Follow", "Found", "Graph", "Halt", "InSteps",
     "Invocation", "InvocationState", "Joint", "Link", "Literal", "Member", "Motion", "MotionGuard", "Mount", "Move",
     "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose", "PreconditionFailed", "Property",

@@ -49,7 +49,7 @@ from linked_fleet_gateway.resources.description import DescriptionTemplate
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.paths import joint_or_link, joint_path, link_path, mesh_path, robot_path
 from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import Resource, blueprint_of
+from linked_fleet_gateway.resources.resource import Content, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
 SEGMENT = "history"
@@ -121,7 +121,7 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
         def mcap() -> bytes:
             return recording(_kept(file, joints), _urdf(robot.name, description, view.base))
 
-        documents = {CSV: csv, MCAP: mcap}
+        documents = {CSV: Content(csv, _file(path, "csv")), MCAP: Content(mcap, _file(path, "mcap"))}
         resource = Resource(
             path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
         )
@@ -152,13 +152,19 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
                 raise WriteError(f"{robot.name} has not published its description")
             return table(series.columns, series.samples(_kept(file, joints)))
 
+        documents = {CSV: Content(csv, _file(path, "csv"))}
+
         resource = Resource(
-            path, title, describe, source=source, own_paths=own, documents={CSV: csv}, publishes_changes=False
+            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
         )
         template = partial(history_template, view.base, of, item, series, page)
         return HistoryPage(resource, page, file, template, _is_short(page, series))
 
     return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
+
+
+def _file(path: str, suffix: str) -> str:
+    return f"{path[1:].replace('/', '-')}.{suffix}"
 
 
 def _is_short(page: Page, series: Series | None) -> bool:

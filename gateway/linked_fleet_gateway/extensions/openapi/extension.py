@@ -37,7 +37,7 @@ from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.container import Container
 from linked_fleet_gateway.resources.json_form import Json
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.resource import Content, Resource
 from linked_fleet_gateway.runtime.background import time_sliced
 
 PATH = "/openapi.json"
@@ -207,8 +207,8 @@ def _resolve(view: RequestView, rest: list[str]) -> Found:
 async def _read(documents: Documents, request: Request, resource: Resource, of: ApiDescription) -> Response:
     """Return the description for the caller, or 304. Raises NotAcceptable and PreconditionFailed."""
     document = await documents.document(of.view)
-    contents = {media_type: lambda: document.body for media_type in (TYPE, JSON)}
-    made = resource.replace(documents=contents, coded_contents={"gzip": document.coded})
+    content = Content(lambda: document.body, codings={"gzip": document.coded})
+    made = resource.replace(documents=dict.fromkeys((TYPE, JSON), content))
     response = read_resource(request, made)
     await await_preconditions(request, made)
     return response

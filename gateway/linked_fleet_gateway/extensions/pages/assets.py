@@ -18,7 +18,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.branches import FleetBranch, RequestView, RobotBranch
 from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.resource import Content, Resource
 
 log = logging.getLogger(__name__)
 
@@ -93,10 +93,11 @@ def _asset(view: RequestView, rest: list[str]) -> Resource | None:
     found = assets().files.get(name) or _of_views().get(name)
     if found is None:
         return None
-    path, documents = "/assets/" + "/".join(rest), {found.media_type: lambda: found.content}
-    return Resource(
-        path, rest[-1], None, (LDP.Resource,), documents=documents, immutable=True, coded_contents=found.coded
+    path, documents = (
+        "/assets/" + "/".join(rest),
+        {found.media_type: Content(lambda: found.content, codings=found.coded)},
     )
+    return Resource(path, rest[-1], None, (LDP.Resource,), documents=documents, immutable=True)
 
 
 def _thumbnail(view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:

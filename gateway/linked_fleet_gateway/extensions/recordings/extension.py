@@ -27,7 +27,7 @@ from linked_fleet_gateway.rdf.serialise import NoContentYet
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS
 from linked_fleet_gateway.resources.branches import Found, RequestView, RobotBranch
 from linked_fleet_gateway.resources.paths import robot_path
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource
+from linked_fleet_gateway.resources.resource import CONTAINER, Content, Resource
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.subscriptions.live import Live
@@ -158,15 +158,14 @@ class Recorder:
         if len(rest) > 1 or rest[0] not in files:
             return None
         file, source = files[rest[0]], Source(lambda: rest[0])
-        documents = {MCAP: lambda: _read(file)}
+        name = f"{path[1:]}-{rest[0]}.mcap".replace("/", "-")
         title = f"Recording of {robot.name}"
         return Resource(
             f"{path}/{rest[0]}",
             title,
             describe_one,
             source=source,
-            documents=documents,
-            file_names={MCAP: f"{path[1:]}-{rest[0]}.mcap".replace("/", "-")},
+            documents={MCAP: Content(lambda: _read(file), name)},
             publishes_changes=False,
         )
 
