@@ -103,10 +103,13 @@ def main() -> None:
         browser = stack.enter_context(contextlib.closing(Browser(place.root)))
         value, action = f"{place.root}odd/elbow/rotation", f"{place.root}actions/stopAll"
         eventually(lambda: browser.http.get(value).status_code == 200, "the robot")
-        angles = iter(range(1, 1000))
+        angles, others = iter(range(1, 1000)), iter(("velocity", "effort"))
 
         def get() -> None:
             browser.http.get(value, headers={"accept": "text/turtle", "x-now": str(time.monotonic_ns())})
+
+        def first() -> None:
+            browser.http.get(f"{place.root}odd/elbow/{next(others)}", headers={"accept": "text/turtle"})
 
         def stop() -> None:
             browser.http.post(action).raise_for_status()
@@ -116,7 +119,8 @@ def main() -> None:
             loop.run_for(0.05)
 
         print("| | rooms | files | calls | hand-overs | climbs |\n|---|---|---|---|---|---|")
-        measured("GET of a live value", get)
+        measured("GET of a live value, for the first time", first)
+        measured("GET of a live value, read before", get)
         measured("POST of a stop", stop)
         measured("frame that nobody watches", frame)
         with browser.http.stream("GET", value, headers={"accept": "text/event-stream"}):

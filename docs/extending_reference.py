@@ -33,7 +33,7 @@ _CHOSEN = {
     },
     "Resource": dict.fromkeys(
         ("path", "title", "describe", "interaction_model", "source", "own_paths", "part_paths", "typed_links",
-         "affords", "documents", "remote", "file_names", "immutable",
+         "affords", "documents", "remote", "immutable",
          "publishes_changes", "replace", "full_graph"), "",
     ),
     "Identities": {

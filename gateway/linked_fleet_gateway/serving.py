@@ -25,6 +25,7 @@ from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
 from linked_fleet_gateway.identity.roster import Issuer
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.fleet_link import NoAnswer
+from linked_fleet_gateway.resources.resource import Rendition
 from linked_fleet_gateway.runtime.background import run_last_step
 from linked_fleet_gateway.runtime.redis import Connection as RedisConnection
 from linked_fleet_gateway.runtime.replica import Replica
@@ -36,7 +37,8 @@ VERSION = 1
 
 __all__ = [
     "VERSION", "Authenticated", "BadToken", "Caller", "ConnectionEnded", "Identities", "Issuer", "IssuerFailed",
-    "Live", "NoAnswer", "RedisConnection", "Replica", "Reply", "ReplyTooLong", "RobotTime", "StoredRecords",
+    "Live", "NoAnswer", "RedisConnection", "Rendition", "Replica", "Reply", "ReplyTooLong", "RobotTime",
+    "StoredRecords",
     "TokenBuckets", "WebLink", "Worker", "arrival_of", "await_preconditions", "check_acceptable",
     "check_preconditions", "convert_body", "created_response", "frame", "link_header", "not_modified", "parse_body",
     "parse_form", "patch_types", "problem", "read_body", "read_change", "resolve_under_preconditions", "robot_time",

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from linked_fleet_agent.wire.messages import MAX_WIRE_VERSION
+from linked_fleet_agent.wire.messages import COMPONENTS_VERSION
 from running import ROOT
 
 _PAGES = ("CONTRIBUTING.md", ".github/CODE_OF_CONDUCT.md", ".github/SECURITY.md", "deploy/helm/README.md")
@@ -34,7 +34,7 @@ def test_files_that_contributors_are_told_exist() -> None:
 
 
 def test_the_version_of_the_wire_is_that_of_the_code() -> None:
-    assert f"| wire, between agents and gateways | {MAX_WIRE_VERSION} |" in (ROOT / "CONTRIBUTING.md").read_text()
+    assert f"| wire, between agents and gateways | {COMPONENTS_VERSION} |" in (ROOT / "CONTRIBUTING.md").read_text()
 
 
 def test_the_citation_names_the_paper_and_this_version() -> None:

@@ -13,8 +13,7 @@ import msgspec
 
 from linked_fleet_agent.wire.components import Occurrence, Operate, Values
 from linked_fleet_agent.wire.messages import (
-    MAX_WIRE_VERSION,
-    MIN_WIRE_VERSION,
+    COMPONENTS_VERSION,
     WIRE_VERSION,
     Base,
     Command,
@@ -49,9 +48,10 @@ class VersionError(WireError):
     """A well-formed message of an unsupported protocol version."""
 
 
-def check_version(version: int) -> None:
-    if not MIN_WIRE_VERSION <= version <= MAX_WIRE_VERSION:
-        raise VersionError(f"wire version {version} is not supported; {MIN_WIRE_VERSION} to {MAX_WIRE_VERSION} are")
+def check_version(version: int, spoken: int = WIRE_VERSION) -> None:
+    """Raise VersionError unless a message has the version that its kind has had since."""
+    if version != spoken:
+        raise VersionError(f"wire version {version} is not supported; these messages have version {spoken}")
 
 
 def layout(joint_count: int, floating: bool) -> tuple[Field, ...]:
@@ -166,7 +166,8 @@ class _Versioned(msgspec.Struct):
 def decode(payload: bytes, kind: type[_M]) -> _M:
     """Decode a JSON message. The version is checked first and raises VersionError; other faults raise WireError."""
     try:
-        check_version(msgspec.json.decode(payload, type=_Versioned).version)
+        version = msgspec.json.decode(payload, type=_Versioned).version
+        check_version(version, COMPONENTS_VERSION if kind in (Values, Operate, Occurrence) else WIRE_VERSION)
         return msgspec.json.decode(payload, type=kind)
     except msgspec.MsgspecError as error:
         raise WireError(str(error)) from error

@@ -4,12 +4,10 @@ from typing import Annotated, Any, Literal
 
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
-MIN_WIRE_VERSION, MAX_WIRE_VERSION = 1, 2
-"""The versions that this release speaks. Version 2 adds components, and leaves other messages as they are."""
 WIRE_VERSION = 1
-"""The version of messages about joints. Gateways of version 1 understand them, so that they ignore components."""
+"""The version of messages about joints, and of descriptions. Gateways of version 1 understand them."""
 COMPONENTS_VERSION = 2
-"""The version of messages about components."""
+"""The version of messages about components, which it added; it left the others as they are."""
 
 Name = Annotated[str, Meta(min_length=1, max_length=128)]
 Identifier = Annotated[str, Meta(min_length=1, max_length=64, pattern=r"^[A-Za-z0-9-]+\Z")]

@@ -60,7 +60,16 @@ _ANYBODY = Authenticated(EVERYBODY)
 class Arrival:
     """The part of a request that does not depend on its resource; ``http/entrance.py`` fills it in."""
 
-    __slots__ = ("authenticated", "base", "cross_origin", "fields", "internal", "is_plain_read", "rate_counted")
+    __slots__ = (
+        "authenticated",
+        "base",
+        "cross_origin",
+        "decided",
+        "fields",
+        "internal",
+        "is_plain_read",
+        "rate_counted",
+    )
 
     def __init__(self, fields: Mapping[bytes, bytes], *, internal: bool = False) -> None:
         self.fields = fields
@@ -69,6 +78,8 @@ class Arrival:
         """The public base URL used by the client, without a slash at its end."""
         self.cross_origin = False
         """True if the request comes from a page of another origin."""
+        self.decided = False
+        """True once it is known that its reply needs waiting, or what the reply is."""
         self.rate_counted = False
         """True once the request counts for the rate of its client."""
         self.authenticated = _ANYBODY

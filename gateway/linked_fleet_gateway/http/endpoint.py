@@ -23,6 +23,7 @@ from linked_fleet_gateway.base.errors import (
     UnsupportedMediaType,
 )
 from linked_fleet_gateway.http.answers import ReadyResponse
+from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.awaiting_stream import AwaitingStream, awaits_robot
 from linked_fleet_gateway.http.callers import (
     SUBSCRIPTIONS_RIGHTS,
@@ -111,14 +112,13 @@ class Endpoint:
         if scope["type"] == "websocket":
             await self._upgrade(WebSocket(scope, receive, send))
             return
-        services = gateway_of(scope).services
-        reply = services.response_cache.find(scope, services.live)
+        reply = self.reply_nowait(scope)
         if reply is not None:
             await send({"type": "http.response.start", "status": reply.status, "headers": reply.fields})
             await send({"type": "http.response.body", "body": reply.content})
             return
         request = Request(scope, receive)
-        await services.stop_priority.wait_unless_stop(scope)
+        await request.services.stop_priority.wait_unless_stop(scope)
         with suppress(ClientDisconnect):  # a client that disconnects while sending its body gets no response
             response = await self._respond(request)
             await response(scope, receive, send)
@@ -126,18 +126,20 @@ class Endpoint:
     def reply_nowait(self, scope: Scope) -> Reply | None:
         """Return the response to a GET that needs no waiting: a cached one, or one that is cached from now on.
 
-        An error gives None: ``__call__`` meets it again, and answers it.
+        It is decided once for each request, by whoever asks first. An error gives None: ``__call__`` meets it again,
+        and answers it.
         """
-        services = gateway_of(scope).services
+        arrival, services = arrival_of(scope), gateway_of(scope).services
+        if arrival.decided:
+            return None
+        arrival.decided = True
         reply = services.response_cache.find(scope, services.live)
-        if reply is not None or not services.response_cache.is_cacheable(scope):
+        if reply is not None:
             return reply
-        if _is_stored(services.live.branches, scope["path"]):
-            return None
-        if not services.stop_priority.try_take_turn():
-            return None
         try:
-            return _read_nowait(Request(scope))
+            if not services.response_cache.is_cacheable(scope) or _is_stored(services.live.branches, scope["path"]):
+                return None
+            return _read_nowait(Request(scope)) if services.stop_priority.try_take_turn() else None
         except FleetError:
             return None
         except Exception:
@@ -222,13 +224,7 @@ class Endpoint:
         request.is_safe = isinstance(found, Resource) and found.affords is not None and found.affords.reads
         if isinstance(found, Redirect):
             return found
-        if request.method in READ_METHODS or request.is_safe or not _CONDITIONS.isdisjoint(request.arrival.fields):
-            found = with_restricted_links(request, found)  # preconditions are about what the caller reads
-        # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
-        require_right(request, found.path, _needed(request, found))
-        if request.method not in (allow := allowed_methods(found)):
-            raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
-        return found
+        return _permit(request, found)
 
     async def _write(self, request: Request, resource: Resource) -> ASGIApp:
         """Execute a permitted write.
@@ -299,6 +295,17 @@ def _reading(connection: Connection, resource: Resource) -> Sequence[Right]:
     return connection.services.live.branches.reading(resource.path) or rights_to_read(resource.affords)
 
 
+def _permit(request: Request, found: Resource) -> Resource:
+    """Return the resource as the caller sees it, if the caller may use the method. Raises FleetError."""
+    if request.method in READ_METHODS or request.is_safe or not _CONDITIONS.isdisjoint(request.arrival.fields):
+        found = with_restricted_links(request, found)  # preconditions are about what the caller reads
+    # Rights are checked before methods, so that a 405 never reveals what is possible to callers without rights.
+    require_right(request, found.path, _needed(request, found))
+    if request.method not in (allow := allowed_methods(found)):
+        raise MethodNotAllowed(f"{request.method} is not possible here; {', '.join(allow)} are.", allow=allow)
+    return found
+
+
 def _read_nowait(request: Request) -> Reply | None:
     """Return the response to a GET of a resource that is not stored; None if it takes long or is not cached.
 
@@ -307,8 +314,7 @@ def _read_nowait(request: Request) -> Reply | None:
     found = _resolve(request)
     if not isinstance(found, Resource) or found.remote is not None:
         return None
-    require_right(request, found.path, _needed(request, found))
-    return read_nowait(request, with_restricted_links(request, found))
+    return read_nowait(request, _permit(request, found))
 
 
 async def _find(connection: Connection) -> Resource | Redirect:

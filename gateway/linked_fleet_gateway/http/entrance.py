@@ -140,17 +140,13 @@ class Entrance:
     def reply_nowait(self, scope: Scope) -> Reply | None:
         """Return the response to a GET that needs no waiting, also for its caller; None for any other request.
 
-        The checks are those of ``__call__``; a request that does not pass them is refused there.
+        ``__call__`` answers, or refuses, all for which this is None.
         """
         begun_s, arrival, gateway = time.monotonic(), arrival_of(scope), gateway_of(scope)
         identities = gateway.services.identities
         if b"origin" in arrival.fields or scope["path"] in PAGES or not is_within_bounds(scope):
             return None
-        if self._fronts:
-            find_client(scope, self._fronts)
-        try:
-            self._authorities.check_authority(scope)
-        except FleetError:
+        if self._refusal(scope) is not None:
             return None
         if identities is not None and not identify_static_token(identities, arrival):
             return None
@@ -161,9 +157,17 @@ class Entrance:
         self._requests.add(scope["method"], reply.status, time.monotonic() - begun_s)
         return reply
 
+    def _refusal(self, scope: Scope) -> FleetError | None:
+        """Find the client's address and the public URL. Return the reason to refuse the request; None without one."""
+        find_client(scope, self._fronts)
+        try:
+            self._authorities.check_authority(scope)
+        except FleetError as error:
+            return error
+        return None
+
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         refusal = None if is_within_bounds(scope) else enforce_bounds(scope)
-        find_client(scope, self._fronts)
         page = PAGES.get(scope["path"]) if scope["type"] == "http" else None
         context = begin_request(arrival_of(scope).fields.get(_ID_FIELD))
         if self._tracing is not None and page is None and scope.get("method") in _TRACED:
@@ -200,9 +204,7 @@ class Entrance:
     async def _admit(self, scope: Scope, receive: Receive, send: Send) -> None:
         gateway = gateway_of(scope)
         services = gateway.services
-        try:
-            self._authorities.check_authority(scope)
-        except FleetError as error:
+        if (error := self._refusal(scope)) is not None:
             await send_problem(error, scope, send)
             return
         if services.identities is not None:

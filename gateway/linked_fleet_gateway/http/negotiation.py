@@ -1,7 +1,7 @@
 """Content negotiation: media types (RFC 9110, 12.5.1 and 8.3) and content codings (8.4.1).
 
 Contents from a kilobyte are coded if the client accepts it (12.5.3). Dynamic contents are coded in gzip; constant ones
-may be stored in other codings too (``Resource.coded_contents``). Zstandard would make dynamic contents 0 to 5 %
+may be stored in other codings too (``Rendition.codings``). Zstandard would make dynamic contents 0 to 5 %
 shorter, in half of the 30 to 60 microseconds that gzip takes for a robot or an action, and would be a dependency.
 Contents with measured values change with each frame, and are coded from four kilobytes: shorter ones would cost a third
 more and save a packet. Pages for logged-in persons are not coded, because the length of compressed content could reveal

@@ -3,7 +3,7 @@
 The client may prefer a part of a container (LDP 7.2): the container itself, its members, or both.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
@@ -117,7 +117,7 @@ async def read_interleaved(request: Request, resource: Resource) -> Response:
     context = partial(page_context, request, resource.path)
     representation = await request.services.representations.negotiate_interleaved(*asked, context, threads)
     body, coded = representation.body, b""
-    is_long = len(body) > MOST_BYTES and not resource.coded_contents
+    is_long = len(body) > MOST_BYTES and not _stored_codings(resource, representation.media_type)
     coding = _coding(request, resource, context, representation, len(body)) if is_long else ""
     if coding and not not_modified(field(request, "if-none-match"), coded_tag(representation.etag, coding)):
         coded = await threads.run(partial(compress, body), len(body), MOST_BYTES)
@@ -174,7 +174,8 @@ def _response(
     if not_modified(field(request, "if-none-match"), headers["etag"]):
         return Response(status_code=304, headers=headers)
     if coding:
-        body, headers["content-encoding"] = coded or resource.coded_contents.get(coding) or compress(body), coding
+        headers["content-encoding"] = coding
+        body = coded or _stored_codings(resource, media_type).get(coding) or compress(body)
     # Starlette computes Content-Length from the body; the server leaves out the body of a HEAD.
     return Response(body, headers=headers | of_content)
 
@@ -195,8 +196,9 @@ def _fields(
     elif media_type.endswith("xml"):
         headers["content-security-policy"] = _NOTHING
     of_content = {"content-type": content_type(media_type)}
-    if (name := resource.file_names.get(media_type)) is not None:
-        of_content["content-disposition"] = f'attachment; filename="{name}"'
+    document = resource.rendition(media_type)
+    if document is not None and document.file_name:
+        of_content["content-disposition"] = f'attachment; filename="{document.file_name}"'
     return headers, of_content | method_headers(resource, allowed_methods(resource))
 
 
@@ -209,11 +211,17 @@ def _coding(request: Request, resource: Resource, context: Context, representati
     return preferred_coding(_accepted_codings(request), _codings(resource, context, representation, most))
 
 
+def _stored_codings(resource: Resource, media_type: str) -> Mapping[str, bytes]:
+    """Return the codings in which the document is there already."""
+    document = resource.rendition(media_type)
+    return {} if document is None else document.codings
+
+
 def _codings(resource: Resource, context: Context, representation: Representation, most: int) -> tuple[str, ...]:
     """Return the available content codings of a representation."""
     media_type = representation.media_type
-    if resource.coded_contents:
-        return tuple(resource.coded_contents)
+    if stored := _stored_codings(resource, media_type):
+        return tuple(stored)
     text = media_type.startswith("text/") or media_type.endswith(("json", "xml", "n-triples"))
     secret = media_type == HTML and bool(context().reader.name)
     coded = text and not secret and is_compressible(representation.body, resource.shows_values, most)

@@ -17,7 +17,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import Identity, Right, View
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.property import Property
-from linked_fleet_gateway.resources.resource import Redirect, Resource, TypedLink
+from linked_fleet_gateway.resources.resource import Redirect, Rendition, Resource, TypedLink
 
 Found = Resource | Redirect | None
 
@@ -129,16 +129,14 @@ class Branches:
             (*self.documents, *(each for each in added if isinstance(each, ThingDocument))),
         )
 
-    @property
-    def constant_media_types(self) -> frozenset[str]:
-        """Media types of representations of things without measured values."""
-        return frozenset(each.media_type for each in self.documents)
-
     def thing_documents(
         self, view: RequestView, robot: Robot | None = None, part: Joint | Link | None = None
     ) -> dict[str, Callable[[], bytes]]:
         """Return the further representations of a thing by media type."""
-        return {each.media_type: partial(each.write, view, robot, part) for each in self.documents}
+        return {
+            each.media_type: Rendition(partial(each.write, view, robot, part), is_constant=True)
+            for each in self.documents
+        }
 
     def allows_encoded_slashes(self, path: str) -> bool:
         """Return True if the path is below a branch whose segments may contain encoded slashes."""

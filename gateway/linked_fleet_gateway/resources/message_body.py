@@ -5,7 +5,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.rdf.forms import render_graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.resource import Rendition, Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 from linked_fleet_gateway.resources.templates import Versions
 
@@ -14,7 +14,8 @@ def message_types(resource: Resource) -> tuple[str, ...]:
     """Return the media types of messages about ``resource``: no HTML, and Turtle first (R1.2)."""
     if not resource.observable:
         return ()
-    return (*RDF_TYPES, *(each for each in resource.documents if each not in resource.constant_media_types))
+    constant = {name for name, each in resource.documents.items() if isinstance(each, Rendition) and each.is_constant}
+    return (*RDF_TYPES, *(each for each in resource.documents if each not in constant))
 
 
 def message_body(resource: Resource, media_type: str, base: str, versions: Versions) -> bytes:

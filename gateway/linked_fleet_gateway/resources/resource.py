@@ -25,6 +25,21 @@ _OF_SUBSCRIPTIONS = (Subscribe, ChangeSubscription, ResumeSubscription)
 CONTAINER = (LDP.Resource, LDP.BasicContainer)
 
 
+class Rendition(Struct, frozen=True):
+    """A document of a resource, and what is known of it before it is written."""
+
+    write: Callable[[], bytes]
+    file_name: str = ""
+    """Name under which it is saved (RFC 6266); of characters that need no quoting."""
+    codings: Mapping[str, bytes] = field(default_factory=dict)
+    """The same bytes in content codings, the preferred one first."""
+    is_constant: bool = False
+    """True if it has no measured values, so that it is in no message."""
+
+    def __call__(self) -> bytes:
+        return self.write()
+
+
 class TypedLink(Struct, frozen=True):
     """A link with a registered relation (RFC 8288) to ``path``, which has the given media type."""
 
@@ -35,6 +50,8 @@ class TypedLink(Struct, frozen=True):
 
 class Resource(Struct, frozen=True):
     """One resource; ``describe`` adds its triples, ``documents`` are its other representations by media type.
+
+    Documents are functions, or ``Rendition`` to say more of them.
 
     ``describe`` is a function, ``InSteps`` if that takes long, or a template (``resources/description.py``).
 
@@ -53,18 +70,12 @@ class Resource(Struct, frozen=True):
     typed_links: tuple[TypedLink, ...] = ()
     affords: Affordance | None = None
     documents: Mapping[str, Callable[[], bytes]] = field(default_factory=dict)
-    constant_media_types: frozenset[str] = frozenset()
-    """Media types of ``documents`` without measured values, which are in no message."""
     remote: object | None = None
     linkset_of: "Resource | None" = None
     has_linkset: bool = False
     layout_path: str | None = None
     """Path of the layout of its binary frames."""
-    file_names: Mapping[str, str] = field(default_factory=dict)
-    """Names under which ``documents`` are saved, by media type (RFC 6266); of characters that need no quoting."""
     immutable: bool = False
-    coded_contents: Mapping[str, bytes] = field(default_factory=dict)
-    """Its only document in content codings, the preferred one first."""
     publishes_changes: bool = True
     """True if its changes can be followed."""
     values_only_in_documents: bool = False
@@ -98,6 +109,11 @@ class Resource(Struct, frozen=True):
         """Add the type ldp:RDFSource, which clients need not infer (R1.7). Containers state their own types."""
         if LDP.RDFSource in self.interaction_model:
             graph.a(NamedNode(base + (path or self.path)), LDP.RDFSource)
+
+    def rendition(self, media_type: str) -> Rendition | None:
+        """Return its document in a media type; None if it has none."""
+        found = self.documents.get(media_type)
+        return found if found is None or isinstance(found, Rendition) else Rendition(found)
 
     @property
     def template(self) -> DescriptionTemplate | None:

@@ -63,7 +63,6 @@ class Things:
             part_paths=robots,
             typed_links=self._branches.typed_links(),
             documents=self._branches.thing_documents(self._view),
-            constant_media_types=self._branches.constant_media_types,
             has_linkset=True,
         )
 
@@ -110,7 +109,6 @@ class Things:
             part_paths=tuple(part_paths(robot)),
             affords=ForgetRobot(robot),
             documents=self._branches.thing_documents(self._view, robot),
-            constant_media_types=self._branches.constant_media_types,
             has_linkset=True,
         )
 
@@ -135,7 +133,6 @@ class Things:
             source=_thing(robot, properties),
             own_paths=_own(path, properties, actions),
             documents=self._branches.thing_documents(self._view, robot, joint),
-            constant_media_types=self._branches.constant_media_types,
             has_linkset=True,
         )
 
@@ -152,7 +149,6 @@ class Things:
             source=_thing(robot, properties),
             own_paths=_own(path, properties),
             documents=self._branches.thing_documents(self._view, robot, link),
-            constant_media_types=self._branches.constant_media_types,
             has_linkset=True,
         )
 

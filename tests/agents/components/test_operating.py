@@ -51,7 +51,7 @@ async def test_an_action_runs_reports_and_ends_with_its_result() -> None:
         ("grasp", None, {"incarnation": 1}, "incarnation", "the command is for run 1"),
         ("grasp", None, {"seen_ns": 0, "time_to_live_ns": 1}, "stale", "its time to live"),
         ("grasp", None, {"seen_ns": 2**62}, "stale", "ahead of this agent's monotonic clock"),
-        ("grasp", None, {"version": 3}, "version", "wire version 3 is not supported; 1 to 2 are"),
+        ("grasp", None, {"version": 1}, "version", "version 1 is not supported; these messages have version 2"),
         ("grasp", None, {"id": "ü"}, "malformed", "matching regex"),
         ("grasp", "x" * 70_000, {}, "input", "65536 is the maximum"),
     ],

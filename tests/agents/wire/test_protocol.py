@@ -144,7 +144,7 @@ def test_the_examples_of_the_escape_are_true() -> None:
 
 
 def test_the_page_is_of_the_version_that_is_spoken() -> None:
-    assert f"\nVersion {messages.MAX_WIRE_VERSION}. " in PAGE
+    assert f"\nVersion {messages.COMPONENTS_VERSION}. " in PAGE
 
 
 def test_the_bounds_are_those_of_the_code() -> None:

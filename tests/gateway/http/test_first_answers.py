@@ -97,12 +97,14 @@ async def test_a_client_that_has_the_representation_gets_304(place: Place) -> No
 
 
 async def test_the_list_of_a_small_fleet_is_kept_while_it_shows_the_same(place: Place, bench: Bench) -> None:
-    scope = place.scope("/", accept="text/turtle")
-    assert b"lf:presence lf:online" in _parts(place.endpoint.reply_nowait(scope))[2]
-    assert place.endpoint.reply_nowait(scope) is not None  # in the same turn: it is kept
+    def read() -> Reply | None:
+        return place.endpoint.reply_nowait(place.scope("/", accept="text/turtle"))
+
+    assert b"lf:presence lf:online" in _parts(read())[2]
+    assert read() is not None  # in the same turn: it is kept
     bench.fleet.robots["r"].set_online(False)
     await asyncio.sleep(0)
-    assert b"lf:presence lf:offline" in _parts(place.endpoint.reply_nowait(scope))[2]
+    assert b"lf:presence lf:offline" in _parts(read())[2]
 
 
 async def test_only_readers_of_a_restricted_branch_are_shown_its_link(place: Place) -> None:
@@ -144,12 +146,27 @@ async def test_a_format_picked_by_the_query_is_kept_too(place: Place) -> None:
 
 
 async def test_only_one_first_answer_is_made_in_a_turn(place: Place) -> None:
-    first, second = place.scope("/r/elbow"), place.scope("/r/base")
-    assert place.endpoint.reply_nowait(first) is not None
-    assert place.endpoint.reply_nowait(second) is None
-    assert place.endpoint.reply_nowait(first) is not None  # by now it is cached
+    def read(path: str) -> Reply | None:
+        return place.endpoint.reply_nowait(place.scope(path))
+
+    assert read("/r/elbow") is not None
+    assert read("/r/base") is None
+    assert read("/r/elbow") is not None  # by now it is cached
     await asyncio.sleep(0)
-    assert place.endpoint.reply_nowait(second) is not None
+    assert read("/r/base") is not None
+
+
+async def test_the_application_makes_the_same_decision_once(place: Place, monkeypatch: pytest.MonkeyPatch) -> None:
+    """It is not made again for a request that has been found to need waiting."""
+    asked, find = list[object](), ResponseCache.find
+    monkeypatch.setattr(ResponseCache, "find", lambda *given: asked.append(given) or find(*given))
+    assert place.endpoint.reply_nowait(place.scope("/r/elbow")) is not None
+    waits = place.scope("/r/base")
+    assert place.endpoint.reply_nowait(waits) is None  # another request has the turn
+    assert (await place.answered(waits))[0] == 200
+    assert len(asked) == 2
+    assert (await place.answered(place.scope("/r/elbow")))[0] == 200
+    assert len(asked) == 3
 
 
 @pytest.mark.parametrize(

@@ -43,7 +43,6 @@ from linked_fleet_gateway.serving import WebLink, check_preconditions, link_head
 
 _PIECE_BYTES = 64 * 1024
 _LINK_BYTES = 512
-_SUFFIXES = {CSV: "csv", MCAP: "mcap"}
 
 
 async def read_history(request: Request, found: Resource, past: RecordedHistory) -> Response:
@@ -51,9 +50,7 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
 
     representations, accept = request.services.representations, request.effective_accept
     shown = past.select_page(parse_span(request.query_params.multi_items()))
-    name = shown.resource.path[1:].replace("/", "-")
-    names = {media_type: f"{name}.{suffix}" for media_type, suffix in _SUFFIXES.items()}
-    selected = shown.resource.replace(file_names=names)
+    selected = shown.resource
     is_text = representations.choose_media_type(accept, selected) in TEXT_TYPES
 
     def templated() -> Resource:
@@ -70,7 +67,7 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
         async with past.history.worker():
             response = await asyncio.to_thread(lambda: work(templated()))
     media_type = response.headers.get("content-type", "").partition(";")[0]
-    file = media_type in _SUFFIXES
+    file = media_type in (CSV, MCAP)
     page, address = shown.file if file else shown.document, request.base + shown.resource.path
     leads = [
         WebLink(f"{address}?{query}", rel) for rel, query in (("next", page.next), ("prev", page.previous)) if query

@@ -60,6 +60,7 @@ from linked_fleet_gateway.rdf.graph import SECOND, Graph
 from linked_fleet_gateway.rdf.serialise import WriteError
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
+from linked_fleet_gateway.serving import Rendition
 
 SEGMENT = "history"
 _SHORT, _SHORT_OF_VECTORS = 256, 16
@@ -130,7 +131,7 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
         def mcap() -> bytes:
             return recording(_kept(file, joints), _urdf(robot.name, description, view.base))
 
-        documents = {CSV: csv, MCAP: mcap}
+        documents = {CSV: Rendition(csv, _file(path, "csv")), MCAP: Rendition(mcap, _file(path, "mcap"))}
         resource = Resource(
             path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
         )
@@ -161,13 +162,19 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
                 raise WriteError(f"{robot.name} has not published its description")
             return table(series.columns, series.samples(_kept(file, joints)))
 
+        documents = {CSV: Rendition(csv, _file(path, "csv"))}
+
         resource = Resource(
-            path, title, describe, source=source, own_paths=own, documents={CSV: csv}, publishes_changes=False
+            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
         )
         template = partial(history_template, view.base, of, item, series, page)
         return HistoryPage(resource, page, file, template, _is_short(page, series))
 
     return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
+
+
+def _file(path: str, suffix: str) -> str:
+    return f"{path[1:].replace('/', '-')}.{suffix}"
 
 
 def _is_short(page: Page, series: Series | None) -> bool:

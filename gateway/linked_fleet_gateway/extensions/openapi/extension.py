@@ -43,7 +43,7 @@ from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives
 from linked_fleet_gateway.faces import Json
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LDP
-from linked_fleet_gateway.serving import await_preconditions
+from linked_fleet_gateway.serving import Rendition, await_preconditions
 
 PATH = "/openapi.json"
 TYPE = "application/vnd.oai.openapi+json;version=3.1"
@@ -204,8 +204,8 @@ def _resolve(view: RequestView, rest: list[str]) -> Found:
 async def _read(documents: Documents, request: Request, resource: Resource, of: ApiDescription) -> Response:
     """Return the description for the caller, or 304. Raises NotAcceptable and PreconditionFailed."""
     document = await documents.document(of.view)
-    contents = {media_type: lambda: document.body for media_type in (TYPE, JSON)}
-    made = resource.replace(documents=contents, coded_contents={"gzip": document.coded})
+    content = Rendition(lambda: document.body, codings={"gzip": document.coded})
+    made = resource.replace(documents=dict.fromkeys((TYPE, JSON), content))
     response = read_resource(request, made)
     await await_preconditions(request, made)
     return response

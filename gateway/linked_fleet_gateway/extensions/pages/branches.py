@@ -4,16 +4,15 @@ from linked_fleet_gateway.api import FleetBranch, RequestView, Resource, Robot, 
 from linked_fleet_gateway.extensions.pages.assets import THUMBNAIL, find_asset
 from linked_fleet_gateway.extensions.pages.thumbnail import SVG, drawing
 from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_gateway.serving import Rendition
 
 
 def _asset(view: RequestView, rest: list[str]) -> Resource | None:
     found = find_asset("/".join(rest))
     if found is None:
         return None
-    path, documents = "/assets/" + "/".join(rest), {found.media_type: lambda: found.content}
-    return Resource(
-        path, rest[-1], None, (LDP.Resource,), documents=documents, immutable=True, coded_contents=found.coded
-    )
+    documents = {found.media_type: Rendition(lambda: found.content, codings=found.coded)}
+    return Resource("/assets/" + "/".join(rest), rest[-1], None, (LDP.Resource,), documents=documents, immutable=True)
 
 
 def _thumbnail(view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:

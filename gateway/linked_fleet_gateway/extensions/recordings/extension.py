@@ -38,6 +38,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, timestamp
 from linked_fleet_gateway.rdf.serialise import NoContentYet
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS
+from linked_fleet_gateway.serving import Rendition
 
 log = logging.getLogger(__name__)
 
@@ -165,15 +166,14 @@ class Recorder:
         if len(rest) > 1 or rest[0] not in files:
             return None
         file, source = files[rest[0]], Source(lambda: rest[0])
-        documents = {MCAP: lambda: _read(file)}
+        name = f"{path[1:]}-{rest[0]}.mcap".replace("/", "-")
         title = f"Recording of {robot.name}"
         return Resource(
             f"{path}/{rest[0]}",
             title,
             describe_one,
             source=source,
-            documents=documents,
-            file_names={MCAP: f"{path[1:]}-{rest[0]}.mcap".replace("/", "-")},
+            documents={MCAP: Rendition(lambda: _read(file), name)},
             publishes_changes=False,
         )
 
