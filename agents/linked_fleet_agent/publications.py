@@ -10,9 +10,8 @@ import time
 from collections import deque
 from collections.abc import Mapping, Sequence
 from itertools import islice
-from typing import Any
 
-from msgspec import UNSET, Raw
+from msgspec import UNSET, Raw, structs
 
 from linked_fleet_agent.motion import Outcome
 from linked_fleet_agent.robot import CameraRobot, Facts, PictureError, Reading, Robot
@@ -20,6 +19,7 @@ from linked_fleet_agent.urdf import RobotModel, UrdfError
 from linked_fleet_agent.urdf.facts import joint_mismatch
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import PictureHeader, WireError, encode_picture
+from linked_fleet_agent.wire.components import DescriptionWithComponents
 from linked_fleet_agent.wire.messages import (
     MAX_SENSOR_FAULTS,
     WIRE_VERSION,
@@ -79,9 +79,11 @@ def describe(
     rate_hz: float,
     meshes: tuple[Mesh, ...],
     cameras: tuple[Camera, ...],
-    components: tuple[Any, ...] = (),
+    components: bytes = b"",
 ) -> Description:
     """Return the description of a robot, which holds for one run of its agent, and log what it leaves out.
+
+    ``components`` are its declarations as JSON, if it has some.
 
     Raises UrdfError for a description that gateways would refuse.
     """
@@ -91,7 +93,7 @@ def describe(
         raise UrdfError(mismatch)
     for finding in model.findings:
         _log.info("%s: %s", name, finding.sentence)
-    return Description(
+    description = Description(
         version=WIRE_VERSION,
         robot=name,
         incarnation=incarnation,
@@ -104,9 +106,11 @@ def describe(
         annotations=facts.annotations,
         meshes=meshes,
         cameras=cameras,
-        components=components,
         layout=codec.layout(len(facts.joints), facts.floating),
     )
+    if not components:
+        return description
+    return DescriptionWithComponents(components=Raw(components), **structs.asdict(description))
 
 
 PERIOD_S = 0.05

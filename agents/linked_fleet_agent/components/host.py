@@ -18,15 +18,15 @@ from linked_fleet_agent.wire.messages import Refused
 def declarations_of(components: Iterable[Component], links: Collection[str], joints: Collection[str]) -> list[Declared]:
     """Return the declarations of the components of a robot. Raises DeclarationError for what gateways would refuse."""
     declared = [declare(each) for each in components]
-    _, refused = read_declarations(encoded(declared), links, joints)
+    _, refused = read_declarations(b'{"components":' + (encoded(declared) or b"[]") + b"}", links, joints)
     if refused:
         raise DeclarationError(refused[0])
     return declared
 
 
-def encoded(declared: Sequence[Declared]) -> tuple[Any, ...]:
-    """Return ``components`` of a description."""
-    return tuple(msgspec.to_builtins(each.said) for each in declared)
+def encoded(declared: Sequence[Declared]) -> bytes:
+    """Return ``components`` of a description; nothing if there are none."""
+    return msgspec.json.encode([each.said for each in declared]) if declared else b""
 
 
 class Host:

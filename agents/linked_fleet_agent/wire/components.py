@@ -11,7 +11,7 @@ import msgspec
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType, field
 
 from linked_fleet_agent.wire.messages import COMPONENTS_VERSION as COMPONENTS_VERSION
-from linked_fleet_agent.wire.messages import Identifier, Name, Unsigned
+from linked_fleet_agent.wire.messages import Description, Identifier, Name, Unsigned
 from linked_fleet_agent.wire.schema import Iri, Prose, Schema, Title, schema_problem, value_problem
 
 MAX_COMPONENTS, MAX_PROPERTIES, MAX_ACTIONS, MAX_EVENTS = 64, 256, 128, 128
@@ -135,18 +135,37 @@ class Occurrence(Struct, frozen=True, kw_only=True):
     data: Raw | UnsetType = UNSET
 
 
+class DescriptionWithComponents(Description, frozen=True, kw_only=True):
+    """The description of a robot with components, as its agent sends it. It is read in two parts."""
+
+    components: Raw
+
+
+class _Declarations(Struct):
+    components: Raw = Raw(b"[]")
+
+
 def read_declarations(
-    said: Sequence[Any], links: Collection[str], joints: Collection[str]
+    description: bytes, links: Collection[str], joints: Collection[str]
 ) -> tuple[list[Component], list[str]]:
-    """Return the components that a description declares, and a sentence for each that is refused."""
-    size = len(msgspec.json.encode(said))
-    if size > MAX_DECLARATIONS_BYTES:
-        return [], [f"the components are refused: {size} bytes; {MAX_DECLARATIONS_BYTES} is the maximum"]
+    """Return the components that a description declares, and a sentence for each that is refused.
+
+    Nothing of a declaration that is too long is decoded.
+    """
+    try:
+        said = msgspec.json.decode(description, type=_Declarations).components
+        if len(bytes(said)) > MAX_DECLARATIONS_BYTES:
+            return [], [
+                f"the components are refused: {len(bytes(said))} bytes; {MAX_DECLARATIONS_BYTES} is the maximum"
+            ]
+        declared = msgspec.json.decode(said, type=list[Raw])
+    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+        return [], [f"the components are refused: {error}"]
     accepted, refused = list[Component](), list[str]()
-    for index, each in enumerate(said):
+    for index, each in enumerate(declared):
         try:
-            component = msgspec.convert(each, Component)
-        except (msgspec.ValidationError, RecursionError) as error:
+            component = msgspec.json.decode(each, type=Component)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             refused.append(f"component {index + 1} is refused: {error}")
             continue
         problem = declaration_problem(component, links, joints) or _excess(component, accepted)

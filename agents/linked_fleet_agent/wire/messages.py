@@ -1,6 +1,6 @@
 """The messages between agents and gateways (PROTOCOL.md). SI units; angles in radian, lengths in metre."""
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from msgspec import UNSET, Meta, Raw, Struct, UnsetType
 
@@ -61,7 +61,7 @@ class Camera(Struct, frozen=True, kw_only=True):
 class Description(Struct, frozen=True, kw_only=True):
     """The description of a robot by its agent; ``joints`` is the order of the arrays in its state frames.
 
-    ``components`` are read each by itself (``wire/components.py``).
+    Components are read apart from the rest (``wire/components.py``).
     """
 
     version: int
@@ -76,7 +76,6 @@ class Description(Struct, frozen=True, kw_only=True):
     annotations: Text = ""
     meshes: Annotated[tuple[Mesh, ...], Meta(max_length=MAX_MESHES)] = ()
     cameras: Annotated[tuple[Camera, ...], Meta(max_length=MAX_CAMERAS)] = ()
-    components: tuple[Any, ...] = ()
     layout: Annotated[tuple[Field, ...], Meta(max_length=64)]
 
 

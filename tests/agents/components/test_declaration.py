@@ -139,7 +139,7 @@ def test_a_class_becomes_its_declaration() -> None:
 
 def test_gateways_accept_what_agents_declare() -> None:
     [declared] = declarations_of([Gripper()], LINKS, JOINTS)
-    accepted, refused = read_declarations([msgspec.to_builtins(declared.said)], LINKS, JOINTS)
+    accepted, refused = read_declarations(msgspec.json.encode({"components": [declared.said]}), LINKS, JOINTS)
     assert (accepted, refused) == ([declared.said], [])
 
 
@@ -285,10 +285,6 @@ def declared(count: int, **parts: Any) -> list[dict[str, Any]]:
     return [{"name": f"c{index}", **parts} for index in range(count)]
 
 
-def nested(depth: int) -> Any:
-    return [] if depth == 0 else [nested(depth - 1)]
-
-
 SWITCH = {"schema": {"type": "boolean"}}
 
 
@@ -296,20 +292,32 @@ SWITCH = {"schema": {"type": "boolean"}}
     ("said", "accepted", "refused"),
     [
         ([], 0, ""),
+        ({}, 0, "the components are refused: Expected `array`"),
         ([1], 0, "component 1 is refused: Expected `object`"),
         ([{"name": "a"}, {"name": "b", "wheels": 4}, {"name": "c"}], 2, "component 2 is refused: Object contains"),
         ([{"name": "a"}, {"name": "a"}], 1, "component 'a' is refused: another component has this name"),
         ([{"name": "a", "link": "tail"}], 0, "component 'a' is refused: its link 'tail' is none"),
         ([{"name": "a", "actions": {"x": {"input": {"type": "number"}}}}], 0, "it must be an object"),
         ([{"name": "a", "actions": {"x": {}}, "properties": {"x": SWITCH}}], 0, "'x' is a property and an action"),
-        ([{"name": "a", "properties": nested(200)}], 0, "component 1 is refused"),
         (declared(MAX_COMPONENTS + 1), MAX_COMPONENTS, "64 components is the maximum"),
         (declared(2, actions={f"a{index}": {} for index in range(MAX_ACTIONS)}), 1, "128 actions is the maximum"),
         (declared(64, description="x" * 4096), 0, "262144 is the maximum"),
     ],
 )
-def test_a_gateway_refuses_each_bad_component_by_itself(said: list[Any], accepted: int, refused: str) -> None:
-    found, sentences = read_declarations(said, LINKS, JOINTS)
+def test_a_gateway_refuses_each_bad_component_by_itself(said: Any, accepted: int, refused: str) -> None:
+    found, sentences = read_declarations(msgspec.json.encode({"version": 1, "components": said}), LINKS, JOINTS)
     assert len(found) == accepted
     assert refused in " ".join(sentences)
     assert bool(sentences) == bool(refused)
+
+
+@pytest.mark.parametrize(
+    "payload", [b"", b"[]", b'{"components": [', b'{"components": ["\xff"]}', b'{"components": ' + b"[" * 100_000]
+)
+def test_what_is_no_json_is_refused_with_a_sentence(payload: bytes) -> None:
+    found, sentences = read_declarations(payload, LINKS, JOINTS)
+    assert (found, len(sentences)) == ([], 1)
+
+
+def test_a_description_without_components_declares_none() -> None:
+    assert read_declarations(b'{"version": 1, "joints": []}', LINKS, JOINTS) == ([], [])

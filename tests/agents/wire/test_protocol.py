@@ -17,7 +17,7 @@ from linked_fleet_gateway.link.long_replies import LONGEST_BYTES, MAX_TRANSFER_S
 
 PAGE = (Path(codec.__file__).parent / "PROTOCOL.md").read_text()
 KINDS: dict[str, Any] = {
-    "description": messages.Description,
+    "description": components.DescriptionWithComponents,
     "command": messages.Command,
     "stop": messages.Stop,
     "progress": messages.Progress,
