@@ -35,7 +35,10 @@ _API = {
                    "linked_fleet_client.quantity", "linked_fleet_client.live", "linked_fleet_client.action",
                    "linked_fleet_client.form", "linked_fleet_client.invocation", "linked_fleet_client.errors"),
     "Drivers of robots": ("linked_fleet_agent.robot", "linked_fleet_agent.agent", "linked_fleet_agent.serving",
-                          "linked_fleet_agent.settings", "linked_fleet_agent.mesh_files", "linked_fleet_agent.urdf"),
+                          "linked_fleet_agent.settings", "linked_fleet_agent.mesh_files", "linked_fleet_agent.urdf",
+                          "linked_fleet_agent.components", "linked_fleet_agent.components.component",
+                          "linked_fleet_agent.components.call", "linked_fleet_agent.components.schemas",
+                          "linked_fleet_agent.robots.of_components"),
     "Extensions of gateways": contract_modules(),
 }  # fmt: skip
 

@@ -28,7 +28,7 @@ def schema_of(annotation: Any) -> Schema:
     try:
         return _schema(inspect.type_info(annotation))
     except TypeError as error:  # what msgspec itself does not take
-        raise DeclarationError(str(error)) from error
+        raise DeclarationError(f"{annotation} has no schema: {error}") from error
 
 
 def _schema(found: inspect.Type) -> Schema:
