@@ -24,7 +24,7 @@ class Input(Component, rate_hz=50, stale_s=1):
 
     @value
     def on(self) -> bool:
-        """Whether the input is high."""
+        """Level of the input: true is high."""
         on, before = self._file.read_text().strip() == "1", self._was_on
         self._was_on = on
         if on and not before:
@@ -40,7 +40,7 @@ class Output(Component, stale_s=1):
 
     @value
     def on(self) -> bool:
-        """Whether the output is high."""
+        """Level of the output: true is high."""
         return self._file.read_text().strip() == "1"
 
     @on.setter

@@ -3,21 +3,17 @@
 import asyncio
 import logging
 import os
-import signal
 import socket
 import sys
 from pathlib import Path
 
-from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.check import check
 from linked_fleet_agent.link import DuplicateNameError
 from linked_fleet_agent.robots.catalogue import UnavailableError
-from linked_fleet_agent.serving import Absent, load_robots, serve
-from linked_fleet_agent.settings import AgentSettings, SettingsError, read_settings
+from linked_fleet_agent.serving import load_robots, serve_until_signal
+from linked_fleet_agent.settings import SettingsError, read_settings
 from linked_fleet_agent.spans import TracingUnavailable
-from linked_fleet_agent.tracing import Tracing, open_tracing
-
-_log = logging.getLogger("linked_fleet_agent")
+from linked_fleet_agent.tracing import open_tracing
 
 
 def main() -> int:
@@ -35,7 +31,7 @@ def main() -> int:
         print(f"linked-fleet-agent: {error}", file=sys.stderr)
         return 2
     try:
-        asyncio.run(_run(settings, agents, absent, tracing))
+        asyncio.run(serve_until_signal(settings, agents, tracing, absent))
     except DuplicateNameError as error:
         print(f"linked-fleet-agent: {error}", file=sys.stderr)
         return 3
@@ -54,34 +50,6 @@ def _check(files: list[str]) -> int:
     for problem in problems:
         print(f"wrong: {problem}", file=sys.stderr)
     return 1 if problems else 0
-
-
-async def _run(settings: AgentSettings, agents: list[Agent], absent: list[Absent], tracing: Tracing | None) -> None:
-    """Serve all robots until a signal arrives or one of them fails. SIGUSR1 restarts ended demonstrations."""
-    stop = asyncio.Event()
-    loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, stop.set)
-    loop.add_signal_handler(signal.SIGUSR1, _restart_demonstrations, agents)
-    serving = asyncio.create_task(serve(settings, agents, tracing, absent=absent))
-    stopping = asyncio.create_task(stop.wait())
-    await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
-    stopping.cancel()
-    serving.cancel()
-    try:
-        await serving
-    except asyncio.CancelledError:
-        _log.info("stopped")
-    except BaseExceptionGroup as group:
-        taken, others = group.split(DuplicateNameError)
-        if others is not None or taken is None:
-            raise
-        raise next(error for error in taken.exceptions) from None
-
-
-def _restart_demonstrations(agents: list[Agent]) -> None:
-    for agent in agents:
-        agent.demonstration.restart()
 
 
 if __name__ == "__main__":

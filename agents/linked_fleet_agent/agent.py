@@ -93,6 +93,8 @@ class Agent:
         self._robot, self._facts = robot, robot.describe()
         self._joints = {joint.name: joint for joint in self._facts.joints}
         self._names = tuple(self._joints)
+        self._movable = (*self._names, BASE)
+        """What a stop of the whole robot stops."""
         self._counts = (len(self._names),) * 3
         sways = tuple(sways)
         for sway in sways:
@@ -219,7 +221,7 @@ class Agent:
     def _hold(self, reason: str) -> None:
         """Brake all joints and end all actions that move something. All fail with ``reason``."""
         self._outcomes += [*self._motions.halt(reason), *self._operating.hold(reason)]
-        self._stops.record((*self._names, BASE), self._monotonic_ns())
+        self._stops.record(self._movable, self._monotonic_ns())
 
     def handle_stop(self, payload: bytes) -> bytes:
         """Execute a stop, even if it is old or a duplicate. It is refused only for unknown joints. Never raises."""
@@ -248,7 +250,7 @@ class Agent:
         _log.warning("%s: %s: it or the machine was paused; the robot holds", self.name, reason)
         self._outcomes += [*self._motions.hold_after_pause(reason), *self._operating.hold(reason)]
         self.demonstration.log_ended()
-        self._stops.record((*self._names, BASE), now_ns[0])
+        self._stops.record(self._movable, now_ns[0])
         self._report.repeat_later(now_ns[0])
 
     def _publish_extra_frame(self) -> None:
@@ -287,7 +289,7 @@ class Agent:
 
     def _refuse_now(self, command: Command) -> Refused | None:
         """Return the refusal of a valid command that cannot run now, or None."""
-        if (refusal := self._refuse_moving(command.id, joints_of(command.motion))) is not None:
+        if (refusal := self._refuse_moving(command.id)) is not None:
             return refusal
         concerned = dict.fromkeys((*joints_of(command.motion), *command.expects))
         unknown = [name for name in concerned if not math.isfinite(self._measured.positions[name])]
@@ -302,7 +304,7 @@ class Agent:
         surprise = safety.position_mismatch(command.expects, self._measured.positions, self._joints)
         return Refused(command.id, "expectation", surprise[:1024]) if surprise else None
 
-    def _refuse_moving(self, id: str, moves: Iterable[str]) -> Refused | None:
+    def _refuse_moving(self, id: str) -> Refused | None:
         """Return the refusal of anything that moves the robot now, or None."""
         if self._fault is not None:
             return Refused(id, "fault", f"the robot has a fault: {self._fault}"[:1024])
@@ -311,9 +313,8 @@ class Agent:
         return self._operating.refuse_motion(id)
 
     def _start(self, command: Command, at_ns: int) -> Reply:
-        motion = self._motions.unwound(safety.clamp(command.motion, self._joints), self._measured.positions)
         try:
-            made: Plan = plan(motion, command.scale, self._motions.starts(joints_of(motion)))
+            made = self._plan(command)
         except ImpossibleError as error:
             return Refused(command.id, "limits", str(error)[:1024])
         joints = tuple(made.trajectories)
@@ -335,12 +336,15 @@ class Agent:
 
     def _begin_late(self, command: Command) -> list[Outcome]:
         """Begin a motion that has waited, from where its joints are now."""
-        joints = joints_of(command.motion)
-        motion = self._motions.unwound(safety.clamp(command.motion, self._joints), self._measured.positions)
         try:
-            return self._motions.start(command.id, plan(motion, command.scale, self._motions.starts(joints)))
+            return self._motions.start(command.id, self._plan(command))
         except ImpossibleError as error:
-            return [Outcome(command.id, "failed", joints, str(error)[:1024])]
+            return [Outcome(command.id, "failed", joints_of(command.motion), str(error)[:1024])]
+
+    def _plan(self, command: Command) -> Plan:
+        """Plan the motion of a command from the present setpoints. Raises ImpossibleError."""
+        motion = self._motions.unwound(safety.clamp(command.motion, self._joints), self._measured.positions)
+        return plan(motion, command.scale, self._motions.starts(joints_of(motion)))
 
     def _stop(self, stop: Stop) -> Accepted:
         now_ns = self._monotonic_ns()

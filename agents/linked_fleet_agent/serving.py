@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 from collections.abc import MutableSequence, Sequence
-from contextlib import AbstractAsyncContextManager, suppress
+from contextlib import AbstractAsyncContextManager
 from typing import NamedTuple, Protocol
 
 from linked_fleet_agent.agent import Agent, new_incarnation
@@ -104,18 +104,46 @@ def run(name: str, robot: Robot) -> None:
         sys.exit(2)
     logging.basicConfig(level=settings.log_level, format="%(asctime)s %(levelname)s %(name)s: %(message)s")
     try:
-        asyncio.run(_until_signalled(settings, agent))
-    except* DuplicateNameError as group:
-        print(f"{name}: {group.exceptions[0]}", file=sys.stderr)
+        asyncio.run(serve_until_signal(settings, [agent]))
+    except DuplicateNameError as error:
+        print(f"{name}: {error}", file=sys.stderr)
         sys.exit(3)
 
 
-async def _until_signalled(settings: AgentSettings, agent: Agent) -> None:
-    loop, serving = asyncio.get_running_loop(), asyncio.ensure_future(serve(settings, [agent]))
+async def serve_until_signal(
+    settings: AgentSettings,
+    agents: MutableSequence[Agent],
+    tracing: Tracing | None = None,
+    absent: Sequence[Absent] = (),
+) -> None:
+    """Serve all robots until a signal arrives or one of them fails. SIGUSR1 restarts ended demonstrations.
+
+    Raises DuplicateNameError if the name of the only robot is in use.
+    """
+    stop = asyncio.Event()
+    loop = asyncio.get_running_loop()
     for number in (signal.SIGINT, signal.SIGTERM):
-        loop.add_signal_handler(number, serving.cancel)
-    with suppress(asyncio.CancelledError):  # it holds, and withdraws its token
+        loop.add_signal_handler(number, stop.set)
+    loop.add_signal_handler(signal.SIGUSR1, _restart_demonstrations, agents)
+    serving = asyncio.create_task(serve(settings, agents, tracing, absent=absent))
+    stopping = asyncio.create_task(stop.wait())
+    await asyncio.wait({serving, stopping}, return_when=asyncio.FIRST_COMPLETED)
+    stopping.cancel()
+    serving.cancel()
+    try:
         await serving
+    except asyncio.CancelledError:
+        _log.info("stopped")
+    except BaseExceptionGroup as group:
+        taken, others = group.split(DuplicateNameError)
+        if others is not None or taken is None:
+            raise
+        raise next(error for error in taken.exceptions) from None
+
+
+def _restart_demonstrations(agents: MutableSequence[Agent]) -> None:
+    for agent in agents:
+        agent.demonstration.restart()
 
 
 async def serve(

@@ -82,7 +82,7 @@ class value(Generic[C, T]):  # noqa: N801 - a decorator, as ``property``
 
 
 class ActionOptions(NamedTuple):
-    """What marks a method as an action."""
+    """The options of an action, which mark its method."""
 
     moves: Moves
     duration_s: float

@@ -106,7 +106,7 @@ class Host:
             return _input(operate, str(error))
         return {name: getattr(given, name) for name in given.__struct_fields__}
 
-    def busy(self, operate: Operate, task: Task) -> Refused | None:
+    def busy(self, operate: Operate) -> Refused | None:
         """Return the refusal of a request that there is no room for, or None."""
         if len(self.operations) < MAX_RUNNING:
             return None

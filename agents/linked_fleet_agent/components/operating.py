@@ -1,4 +1,4 @@
-"""What a robot's components do, beside the motions of its joints: who begins, who gives way, who must end.
+"""The actions of a robot's components beside the motions of its joints: which begin, give way and must end.
 
 Of two that move the same, the later one preempts the earlier. It begins once the earlier one has come to rest.
 """
@@ -60,22 +60,27 @@ class Operating:
         why = self._host.prevents_motion or self.fault
         return Refused(id, "fault", why[:1024]) if why else None
 
-    def judge(self, operate: Operate, refuse_now: Callable[[str, Iterable[str]], Refused | None]) -> Reply:
+    def judge(self, operate: Operate, refuse_now: Callable[[str], Refused | None]) -> Reply:
         """Check a request and begin what it asks for. ``refuse_now`` is asked if it moves something, with its id."""
         task = self._host.task_of(operate)
-        moves = () if isinstance(task, Refused) else task.declared.moves
-        late = safety.check_operate(
+        if isinstance(task, Refused):
+            return self._refuse_late(operate, ()) or task
+        moves = task.declared.moves
+        if (late := self._refuse_late(operate, moves)) is not None:
+            return late
+        given = self._host.input_of(operate, task)
+        if isinstance(given, Refused):
+            return given
+        if (refusal := self._host.busy(operate) or (refuse_now(operate.id) if moves else None)) is not None:
+            return refusal
+        return self._rehearse(operate, task, given) if operate.rehearsal else self._start(operate, task, given)
+
+    def _refuse_late(self, operate: Operate, moves: Iterable[str]) -> Refused | None:
+        """Return the refusal of a request for another run, repeated or late, or None."""
+        return safety.check_operate(
             operate, moves, now_ns=self._monotonic_ns(), incarnation=self._incarnation, seen=self._seen,
             stops=self._stops,
         )  # fmt: skip
-        if late is not None or isinstance(task, Refused):
-            return late or task  # type: ignore[return-value]
-        given = self._host.input_of(operate, task)
-        refusal = given if isinstance(given, Refused) else self._host.busy(operate, task)
-        refusal = refusal or (refuse_now(operate.id, moves) if moves else None)
-        if refusal is not None or isinstance(given, Refused):
-            return refusal or given  # type: ignore[return-value]
-        return self._rehearse(operate, task, given) if operate.rehearsal else self._start(operate, task, given)
 
     def _rehearse(self, operate: Operate, task: Task, given: Mapping[str, Any]) -> Reply:
         duration_s = 0.0

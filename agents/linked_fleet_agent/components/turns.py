@@ -21,7 +21,7 @@ class Turn:
 
 
 class Turns:
-    """What waits, in its order. Times are monotonic seconds and are passed in."""
+    """The waiting turns in their order. Times are monotonic seconds and are passed in."""
 
     def __init__(self) -> None:
         self._waiting: dict[str, Turn] = {}
