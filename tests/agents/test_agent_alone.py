@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from component_agent import Memory
 from linked_fleet_agent import agent
 from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.motion import Sway
@@ -19,14 +20,12 @@ from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import (
     Accepted,
     Command,
-    Condition,
     Expectation,
     Follow,
     Move,
     Progress,
     Refused,
     Reply,
-    State,
     Stop,
 )
 from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS
@@ -34,30 +33,6 @@ from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS
 _URDF = """<robot name="brittle"><link name="base"/><link name="a"/><link name="b"/>
   <joint name="arm" type="continuous"><parent link="base"/><child link="a"/></joint>
   <joint name="wheel" type="continuous"><parent link="base"/><child link="b"/></joint></robot>"""
-
-
-class Memory:
-    """A link without a network."""
-
-    gateway_present = True
-    arrivals = 1
-
-    def __init__(self) -> None:
-        self.states: list[State] = []
-        self.progress: list[Progress] = []
-        self.conditions: list[Condition] = []
-
-    def watch_gateways(self, period_s: float) -> None:
-        """Do nothing: the test says which gateways are present."""
-
-    def publish_state(self, payload: bytes) -> None:
-        self.states.append(codec.decode_state(payload))
-
-    def publish_condition(self, payload: bytes) -> None:
-        self.conditions.append(codec.decode(payload, Condition))
-
-    def publish_progress(self, payload: bytes, final: bool) -> None:
-        self.progress.append(codec.decode(payload, Progress))
 
 
 class BreakableRobot:

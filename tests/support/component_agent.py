@@ -1,7 +1,7 @@
 """An agent of a robot with components, on the test's own clock, with a link that has no network."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Annotated, Any
 
 import msgspec
@@ -170,6 +170,13 @@ class Bench:
             self.agent.tick(self.link)
             for _ in range(4):
                 await asyncio.sleep(0)
+
+    async def until(self, condition: Callable[[], Any]) -> None:
+        """Tick until a condition holds that a thread of a component brings about."""
+        async with asyncio.timeout(20):
+            while not condition():
+                await self.tick()
+                await asyncio.sleep(0.002)
 
     def operate(self, id: str, action: str = "grasp", given: object = None, **changes: Any) -> Reply:
         request: dict[str, Any] = {

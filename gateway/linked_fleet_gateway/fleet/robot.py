@@ -99,7 +99,7 @@ class Robot:
 
     @property
     def presence_facts(self) -> tuple[str, int | None, str | None]:
-        """What descriptions say about its presence."""
+        """The facts about its presence that descriptions state."""
         return self.presence, None if self.online else self.last_seen_ns, self.fault
 
     @property

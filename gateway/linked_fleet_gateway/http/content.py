@@ -8,7 +8,7 @@ from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import PreconditionFailed
 from linked_fleet_gateway.http.negotiation import coded_tag, compress, is_compressible, preferred_coding
-from linked_fleet_gateway.http.read import READ_METHODS, method_headers, resource_headers
+from linked_fleet_gateway.http.read import READ_METHODS, accepted_codings, method_headers, resource_headers
 from linked_fleet_gateway.http.representation import etag, not_modified, precondition_holds
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.resources.resource import Resource
@@ -44,7 +44,7 @@ class Content:
 
     def response(self, request: Request, headers: Mapping[str, str]) -> Response:
         """Return the content, in gzip if the client prefers that, or 304. Raises PreconditionFailed."""
-        coding = preferred_coding(_accepted_codings(request), ("gzip",) if self.coded else ())
+        coding = preferred_coding(accepted_codings(request), ("gzip",) if self.coded else ())
         tagged = {**headers, "etag": coded_tag(self.etag, coding)}
         if (known := self.known(request, tagged, self.etag)) is not None:
             return known
@@ -64,7 +64,3 @@ class Content:
         if not not_modified(request.field("if-none-match"), headers["etag"]):
             return None
         return Response(status_code=304, headers={name: headers[name] for name in headers if name not in _OF_CONTENT})
-
-
-def _accepted_codings(request: Request) -> bytes:
-    return (request.field("accept-encoding") or "").encode("latin-1")

@@ -202,13 +202,14 @@ def _fields(
     return headers, of_content | method_headers(resource, allowed_methods(resource))
 
 
-def _accepted_codings(request: Request) -> bytes:
+def accepted_codings(request: Request) -> bytes:
+    """Return the Accept-Encoding field; empty without one."""
     return (field(request, "accept-encoding") or "").encode("latin-1")
 
 
 def _coding(request: Request, resource: Resource, context: Context, representation: Representation, most: int) -> str:
     """Return the content coding that the client prefers; empty for none. Contents above ``most`` bytes have none."""
-    return preferred_coding(_accepted_codings(request), _codings(resource, context, representation, most))
+    return preferred_coding(accepted_codings(request), _codings(resource, context, representation, most))
 
 
 def _stored_codings(resource: Resource, media_type: str) -> Mapping[str, bytes]:
@@ -256,7 +257,7 @@ def _cached(request: Request, resource: Resource, media_type: str, written: Docu
     always, more = stated.raw, MutableHeaders(of_content).raw
     answer = CachedResponse(resource, _robot(request, resource), written, always, more)
     plain = written.content if isinstance(written, Document) else None
-    known, in_gzip = request.arrival.fields.get(b"if-none-match"), accepts_gzip(_accepted_codings(request))
+    known, in_gzip = request.arrival.fields.get(b"if-none-match"), accepts_gzip(accepted_codings(request))
     reply = answer.reply(known, in_gzip, plain)
     assert reply is not None  # the document holds its template
     services.response_cache.store(request.scope, answer)

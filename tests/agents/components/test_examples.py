@@ -1,8 +1,6 @@
 """The examples with components, run by an agent as their users run them."""
 
-import asyncio
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,13 +19,6 @@ def _import_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "path", [str(EXAMPLES), *sys.path])
 
 
-async def until(bench: Bench, condition: Callable[[], Any]) -> None:
-    async with asyncio.timeout(20):
-        while not condition():
-            await bench.tick()
-            await asyncio.sleep(0.002)
-
-
 def is_accepted(reply: Reply) -> bool:
     return isinstance(reply, Accepted)
 
@@ -44,18 +35,18 @@ async def test_the_gripper_holds_what_is_between_its_fingers_and_stops() -> None
     bench = Bench(other=RobotOfComponents("Gripper", gripper, urdf=URDF, measure=lambda: [gripper.gap]))
     assert not is_accepted(bench.move("m", slide=0.02))  # its actions alone move its joint
     assert is_accepted(bench.operate("g", "grasp", {"force": 30}, component="gripper"))
-    await until(bench, lambda: bench.states("g")[-1:] == ["succeeded"])
+    await bench.until(lambda: bench.states("g")[-1:] == ["succeeded"])
     assert bench.end("g").result == Raw(b'{"width":0.03,"holding":true}')
     assert bench.end("g").feedback is not None
-    await until(bench, lambda: bench.link.values[-1].components["gripper"].values == {"width": Raw(b"0.03")})
+    await bench.until(lambda: bench.link.values[-1].components["gripper"].values == {"width": Raw(b"0.03")})
 
     gripper.gap = 0.08
     assert is_accepted(bench.operate("h", "grasp", component="gripper"))
-    await until(bench, lambda: gripper.gap < 0.08)
+    await bench.until(lambda: gripper.gap < 0.08)
     assert is_accepted(bench.stop("s"))
-    await until(bench, lambda: bench.states("h")[-1:] == ["cancelled"])
+    await bench.until(lambda: bench.states("h")[-1:] == ["cancelled"])
     assert gripper.gap > 0.03
-    await until(bench, lambda: bench.states("s")[-1:] == ["succeeded"])
+    await bench.until(lambda: bench.states("s")[-1:] == ["succeeded"])
 
 
 async def test_the_switch_box_reads_and_sets_lines(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -73,18 +64,18 @@ async def test_the_switch_box_reads_and_sets_lines(tmp_path: Path, monkeypatch: 
         ]
         return next((each for each in reversed(said) if each is not None), None)
 
-    await until(bench, lambda: last("input1") == Raw(b"false") and last("output4") == Raw(b"false"))
+    await bench.until(lambda: last("input1") == Raw(b"false") and last("output4") == Raw(b"false"))
     (tmp_path / "gpio17" / "value").write_text("1")
-    await until(bench, lambda: last("input1") == Raw(b"true"))
-    await until(
-        bench, lambda: [(each.component, each.event) for each in bench.link.events] == [("input1", "switched_on")]
+    await bench.until(lambda: last("input1") == Raw(b"true"))
+    await bench.until(
+        lambda: [(each.component, each.event) for each in bench.link.events] == [("input1", "switched_on")]
     )
     assert is_accepted(bench.operate("o", "", True, property="on", component="output1"))
-    await until(bench, lambda: last("output1") == Raw(b"true"))
+    await bench.until(lambda: last("output1") == Raw(b"true"))
     assert (tmp_path / "gpio5" / "value").read_text() == "1"
     assert not is_accepted(bench.operate("i", "", True, property="on", component="input1"))
     (tmp_path / "gpio27" / "value").unlink()
-    await until(bench, lambda: "input2" in bench.link.values[-1].components and last("input2") == Raw(b"null"))
+    await bench.until(lambda: "input2" in bench.link.values[-1].components and last("input2") == Raw(b"null"))
 
 
 async def test_the_cell_picks_rehearses_and_ends_early(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -96,10 +87,10 @@ async def test_the_cell_picks_rehearses_and_ends_early(monkeypatch: pytest.Monke
     assert isinstance(rehearsed, Accepted)
     assert rehearsed.duration_s == pytest.approx(0.15)
     assert is_accepted(bench.operate("p", "pick", {"count": 3}, component="cell"))
-    await until(bench, lambda: bench.states("p")[-1:] == ["succeeded"])
+    await bench.until(lambda: bench.states("p")[-1:] == ["succeeded"])
     assert bench.end("p").result == Raw(b'{"parts":3,"mass":0.6000000000000001}')
     monkeypatch.setattr(picker, "PICK_S", 30)
     assert is_accepted(bench.operate("q", "pick", {"count": 20}, component="cell"))
-    await until(bench, lambda: bench.states("q") == ["running"])
+    await bench.until(lambda: bench.states("q") == ["running"])
     assert is_accepted(bench.stop("s"))
-    await until(bench, lambda: bench.states("q")[-1:] == ["cancelled"])
+    await bench.until(lambda: bench.states("q")[-1:] == ["cancelled"])

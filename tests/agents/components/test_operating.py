@@ -383,13 +383,6 @@ class Slow(Component, rate_hz=100):
         return 42
 
 
-async def until(bench: Bench, condition: Any) -> None:
-    async with asyncio.timeout(10):
-        while not condition():
-            await bench.tick()
-            await asyncio.sleep(0.001)
-
-
 async def test_what_blocks_runs_in_threads_and_the_loop_goes_on() -> None:
     slow = Slow()
     bench = Bench(slow)
@@ -398,11 +391,11 @@ async def test_what_blocks_runs_in_threads_and_the_loop_goes_on() -> None:
     await bench.tick(0.1)
     assert [each for message in bench.link.values for each in message.components] == ["hand"]
     slow.reading.set()
-    await until(bench, lambda: "slow" in bench.link.values[-1].components)
+    await bench.until(lambda: "slow" in bench.link.values[-1].components)
     assert bench.link.values[-1].components["slow"].values == {"level": Raw(b"7")}
     accepted(bench.stop("s", command="x"))
-    await until(bench, lambda: bench.states("x") == ["running", "cancelled"])
+    await bench.until(lambda: bench.states("x") == ["running", "cancelled"])
     assert slow.done == ["cancelled"]
     slow.go.set()
-    await until(bench, lambda: bench.states("w") == ["running", "succeeded"])
+    await bench.until(lambda: bench.states("w") == ["running", "succeeded"])
     assert bench.end("w").result == Raw(b"42")
