@@ -87,10 +87,13 @@ _MOST_TOLD = 5  # the report contains all of them
 
 
 class ShaclValidator:
-    """Validates with ``shape`` among ``triples``. Raises Unsupported, with the reason, if it cannot be compiled."""
+    """Validates with ``shape`` among ``triples``. Raises Unsupported, with the reason, if it cannot be compiled.
 
-    def __init__(self, triples: Iterable[Triple], shape: Node) -> None:
-        self._shape = compile_shape(triples, shape, PREFIXES)
+    ``prefixes`` shorten IRIs in messages.
+    """
+
+    def __init__(self, triples: Iterable[Triple], shape: Node, prefixes: Mapping[str, str] = PREFIXES) -> None:
+        self._shape = compile_shape(triples, shape, prefixes)
 
     def report(self, body: Sequence[Triple], focus: Node) -> tuple[str, list[Statement]] | None:
         """Return None if the body conforms, else a sentence about the violations and the validation report (SHACL,
