@@ -29,7 +29,7 @@ from linked_fleet_gateway.extensions.components.vocabulary import describe_link,
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.validation import ShaclValidator, reachable_statements
 from linked_fleet_gateway.rdf.vocabulary import LF, OWL, PREFIXES
-from linked_fleet_gateway.shacl import Data
+from linked_fleet_shacl import Data
 
 _NOTHING = Schema(type="object")
 _SHAPE = BlankNode("shape")

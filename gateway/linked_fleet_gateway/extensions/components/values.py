@@ -14,7 +14,7 @@ from linked_fleet_gateway.extensions.components.places import Place, member_iri,
 from linked_fleet_gateway.extensions.components.units import declared_unit, in_declared_unit
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term, integer, number
 from linked_fleet_gateway.rdf.vocabulary import LF, MATHS, RDF, VOM, XSD
-from linked_fleet_gateway.shacl import Data
+from linked_fleet_shacl import Data
 
 _UNDECLARED = Schema(type="object")
 

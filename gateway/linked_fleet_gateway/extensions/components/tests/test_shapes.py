@@ -18,8 +18,8 @@ from linked_fleet_gateway.extensions.components.shapes import SH
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.validation import ShaclValidator
 from linked_fleet_gateway.rdf.vocabulary import LDP, LF, MATHS, RDF, XSD
-from linked_fleet_gateway.shacl import Data
-from linked_fleet_gateway.shacl.data import predicate_path, repeated_path
+from linked_fleet_shacl import Data
+from linked_fleet_shacl.data import predicate_path, repeated_path
 from properties import LONG
 from shacl_findings import to_graph, turtle
 

@@ -17,7 +17,7 @@ from linked_fleet_gateway.extensions.components.places import Place, place_of
 from linked_fleet_gateway.extensions.components.values import value_in
 from linked_fleet_gateway.rdf.graph import METRE, UNITLESS, Graph
 from linked_fleet_gateway.rdf.vocabulary import LF, MATHS, RDF, VOM, XSD
-from linked_fleet_gateway.shacl import Data
+from linked_fleet_shacl import Data
 from properties import LONG
 
 IRI = NamedNode(f"{ROBOT}part/value")
