@@ -34,6 +34,7 @@ from linked_fleet_gateway.resources.joint_kinds import (
     VELOCITY_RESOLUTION,
     kind_of,
 )
+from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.property import Measurement, Property, Sampler, added_robot_properties
 from linked_fleet_gateway.resources.settable import (
@@ -168,13 +169,15 @@ def link_properties(robot: Robot, link: Link, segment: str | None = None) -> lis
     return _made(makers, segment)
 
 
-def properties_at(base: str, robot: Robot | None, part: Joint | Link | None = None) -> list[Property]:
-    """Return the properties of a robot, or of its joint or link, under a base URL; the fleet (None) has none."""
+def properties_at(base: str, robot: Robot | None, part: Joint | Link | RobotPart | None = None) -> list[Property]:
+    """Return the properties of a robot, or of a part of it, under a base URL; the fleet (None) has none."""
     if robot is None or robot.model is None:
         return []
     if part is None:
         return robot_properties(robot, lambda path: NamedNode(base + path))
-    return joint_properties(robot, part) if isinstance(part, Joint) else link_properties(robot, part)
+    if isinstance(part, Joint):
+        return joint_properties(robot, part)
+    return link_properties(robot, part) if isinstance(part, Link) else list(part.properties(base))
 
 
 def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[Property]:
