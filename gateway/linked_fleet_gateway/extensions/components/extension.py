@@ -2,7 +2,7 @@
 
 import asyncio
 import logging
-from collections.abc import AsyncIterator, Iterator
+from collections.abc import AsyncIterator, Iterator, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
@@ -62,6 +62,11 @@ class ComponentsExtension(Extension):
     name = "components"
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
+
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.components import page
+
+        return (page.VIEW,)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

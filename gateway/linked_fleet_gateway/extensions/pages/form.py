@@ -18,10 +18,10 @@ from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts
-from linked_fleet_gateway.faces import Right, describe_request_shape
+from linked_fleet_gateway.faces import Right, action_definitions, describe_request_shape
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, add_closure, load_turtle
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, VOM, XSD
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, QUDT, RDF, VOM, XSD
 from linked_fleet_rdf.turtle import Term
 
 _NUMBERS = frozenset(URIRef(each.value) for each in NUMERIC)
@@ -43,8 +43,8 @@ def form_of_action(facts: Facts, iri: NamedNode) -> Form:
     consumed = facts.one(iri, HYBRIT.consumes)
     classes, fields = ("", ()) if consumed is None else _fields(_written(facts), str(consumed))
     # PUT first, because it can be repeated safely.
-    # As `resources.affordance` has it: an action with a body is a motion, one without stops.
-    right = Right.STOP if consumed is None else Right.ACT
+    stops = {each.iri for each in action_definitions() if each.is_stop}
+    right = Right.ACT if stops.isdisjoint(facts.all(iri, RDF.type)) else Right.STOP
     return _form(
         iri.value,
         sorted(methods, reverse=True) or ["POST"],
@@ -196,7 +196,10 @@ def _classes(shape: Shape) -> str:
 
 def _asked(shape: Shape) -> list[Field]:
     """Return the fields without the type, which the classes imply unless it must be chosen."""
-    return [each for each in all_fields(shape) if each.path != _RDF_TYPE or _is_choice(each)]
+    fields = all_fields(shape)
+    # The unit of QUDT says again what the unit beside it says.
+    repeated = QUDT.unit.value if any(str(each.path) == VOM.unit.value for each in fields) else ""
+    return [each for each in fields if str(each.path) != repeated and (each.path != _RDF_TYPE or _is_choice(each))]
 
 
 def _is_choice(own: Field) -> bool:

@@ -230,3 +230,18 @@ def test_changes_of_values_and_events_are_told_to_subscribers(hall: Hall) -> Non
 def _said(told: Events, predicate: URIRef) -> Any:
     message = told.next()
     return message.state.value(message.iri, predicate)
+
+
+def test_pages_have_values_forms_and_events(hall: Hall) -> None:
+    def page(path: str) -> str:
+        return hall.browser.http.get(hall.root + path, headers={"accept": "text/html"}).raise_for_status().text
+
+    robot, gripper, grasp = page(""), page("gripper"), page("gripper/actions/grasp")
+    assert '<h2 id="parts-title">Components</h2>' in robot and f"{hall.root}gripper" in robot
+    for heading in ("Values", "Actions", "Events"):
+        assert f">{heading}</h2>" in gripper
+    assert 'value="0.08" data-unit="m"' in gripper and "Two fingers." in gripper
+    assert 'data-include="' + hall.root + "gripper/actions/grasp" in gripper
+    assert "to 70" in grasp and "must be a number" not in grasp
+    hall.cell.gripper.broken = "no bus"
+    eventually(lambda: "width cannot be read: no bus" in page("gripper"), "the page says why")
