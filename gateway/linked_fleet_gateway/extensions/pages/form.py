@@ -196,10 +196,15 @@ def _classes(shape: Shape) -> str:
 
 def _asked(shape: Shape) -> list[Field]:
     """Return the fields without the type, which the classes imply unless it must be chosen."""
-    fields = all_fields(shape)
-    # The unit of QUDT says again what the unit beside it says.
+    fields = _without_repeated_unit(all_fields(shape))
+    return [each for each in fields if each.path != _RDF_TYPE or _is_choice(each)]
+
+
+def _without_repeated_unit(fields: Iterable[Field]) -> list[Field]:
+    """Return the fields without the unit of QUDT beside the other unit, which says the same."""
+    fields = list(fields)
     repeated = QUDT.unit.value if any(str(each.path) == VOM.unit.value for each in fields) else ""
-    return [each for each in fields if str(each.path) != repeated and (each.path != _RDF_TYPE or _is_choice(each))]
+    return [each for each in fields if str(each.path) != repeated]
 
 
 def _is_choice(own: Field) -> bool:
@@ -302,7 +307,7 @@ def _range(own: Field, branch: Shape) -> dict[str, object]:
     both = conjunction([own.shape, there.shape]) if there else own.shape
     others = {
         str(each.path): [str(term) for term in each.allowed]
-        for each in branch.fields
+        for each in _without_repeated_unit(branch.fields)
         if each.path != own.path and each.allowed
     }
     ends: dict[str, Bound | None] = {"min": both.lower, "max": both.upper}

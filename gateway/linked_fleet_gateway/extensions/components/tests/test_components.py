@@ -242,6 +242,7 @@ def test_pages_have_values_forms_and_events(hall: Hall) -> None:
         assert f">{heading}</h2>" in gripper
     assert 'value="0.08" data-unit="m"' in gripper and "Two fingers." in gripper
     assert 'data-include="' + hall.root + "gripper/actions/grasp" in gripper
-    assert "to 70" in grasp and "must be a number" not in grasp
+    assert "&#34;max&#34;:70.0" in grasp and "must be a number" not in grasp
+    assert grasp.count('data-path="http://qudt.org/schema/qudt/unit"') == 0, "a unit is asked for once"
     hall.cell.gripper.broken = "no bus"
     eventually(lambda: "width cannot be read: no bus" in page("gripper"), "the page says why")
