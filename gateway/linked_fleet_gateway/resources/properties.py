@@ -114,7 +114,7 @@ def joint_properties(robot: Robot, joint: Joint, segment: str | None = None) -> 
             "effort": lambda: _measured(
                 "effort", LF.effort, joint, _sampler(robot, joint, "efforts"), dimension.effort
             ),
-            "limits": lambda: _limits(joint, dimension),
+            "limits": lambda: _limits(robot, joint, dimension),
             "friction": lambda: scalar(
                 "friction", ROS.friction, f"static friction of {name}", joint.friction, dimension.effort
             ),
@@ -234,16 +234,21 @@ def _translation(robot: Robot, joint: Joint) -> Property:
     return Property("translation", LF.translation, (LF.Translation,), LF.TranslationShape, title, describe, sampler)
 
 
-def _limits(joint: Joint, dimension: Dimension) -> Property:
+def _limits(robot: Robot, joint: Joint, dimension: Dimension) -> Property:
     limits = joint.limits
+
+    def tolerance() -> float | None:
+        return None if robot.description is None else robot.description.tolerances.get(joint.name)
 
     def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.scalar(iri, LF.lowerLimit, limits.lower, dimension.position)
         graph.scalar(iri, LF.upperLimit, limits.upper, dimension.position)
         graph.scalar(iri, LF.velocityLimit, limits.velocity, dimension.velocity)
         graph.scalar(iri, LF.effortLimit, limits.effort, dimension.effort)
+        graph.scalar(iri, LF.arrivalTolerance, tolerance(), dimension.position)
 
-    return Property("limits", LF.limits, (LF.Limits,), LF.LimitsShape, f"limits of {joint.name}", describe)
+    title = f"limits of {joint.name}"
+    return Property("limits", LF.limits, (LF.Limits,), LF.LimitsShape, title, describe, facts=tolerance)
 
 
 def _reference_frame(robot: Robot, joint: Joint) -> Property:
