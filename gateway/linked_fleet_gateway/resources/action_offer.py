@@ -168,6 +168,11 @@ class Offer:
         return self.definition.method_names
 
     @property
+    def declared_by(self) -> str:
+        """The path of the thing, if its robot has declared the action itself."""
+        return ""
+
+    @property
     def body_is_optional(self) -> bool:
         """True if it also runs without a body."""
         return False

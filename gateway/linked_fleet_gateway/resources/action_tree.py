@@ -127,9 +127,9 @@ def _description(offer: Offer, base: str) -> Describe:
     )
 
 
-def _kind_of(offer: Offer) -> tuple[NamedNode, str]:
+def _kind_of(offer: Offer) -> tuple[NamedNode, str, str]:
     """Return what offers have in common that differ in their things alone."""
-    return offer.definition.iri, offer.definition.segment
+    return offer.definition.iri, offer.definition.segment, offer.declared_by
 
 
 def _result(offer: Offer, source: Source, base: str) -> Resource:

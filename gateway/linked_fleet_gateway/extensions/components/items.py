@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 import msgspec
-from pyoxigraph import NamedNode
+from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.schema import Schema
 from linked_fleet_gateway.api import Graph, Property, integer, timestamp
@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.components.values import add_value
 from linked_fleet_gateway.faces import DeclaredForm, Json, Measurement, Offer
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import moment
-from linked_fleet_gateway.rdf.vocabulary import SOSA, XSD
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, SOSA, XSD
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.components.part import ComponentPart
@@ -38,6 +38,7 @@ def property_item(
     is_number = schema.type == "number"
 
     def describe(graph: Graph, node: NamedNode, seen: Measurement) -> None:
+        graph.add(node, DCTERMS.identifier, Literal(name))
         if is_number:
             graph.scalar(node, LF.value, seen.values[0], declared_unit(schema))
             graph.result_time(node, seen.wall_ns)
@@ -107,6 +108,7 @@ def event_item(part: "ComponentPart", name: str, segment: str, compiled: Compile
 
     def describe(graph: Graph, node: NamedNode, _: Measurement) -> None:
         last = happened()
+        graph.add(node, DCTERMS.identifier, Literal(name))
         graph.add(node, LF.occurrences, integer(0 if last is None else last.count))
         graph.add(node, SOSA.resultTime, moment(None if last is None else last.wall_ns))
         if last is not None and compiled.data is not None:

@@ -13,6 +13,7 @@ from linked_fleet_gateway.api import ActionRequest, BadRequest, Body, Graph, Mot
 from linked_fleet_gateway.base.errors import PayloadTooLarge
 from linked_fleet_gateway.extensions.components.declarations import Input
 from linked_fleet_gateway.extensions.components.items import schema_json
+from linked_fleet_gateway.extensions.components.shapes import ShapeWriter
 from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.faces import ActionDefinition, DeclaredForm, Form, Offer
 from linked_fleet_gateway.rdf.graph import SECOND, Node
@@ -53,6 +54,10 @@ class ComponentOffer(Offer):
         return None
 
     @property
+    def declared_by(self) -> str:
+        return self.thing
+
+    @property
     def takes_value(self) -> bool:
         return bool(self.of_property)
 
@@ -74,6 +79,20 @@ class ComponentOffer(Offer):
             graph.add(iri, LF.moves, *self.part.moved(self.of_action, base))
             graph.scalar(iri, LF.duration, declared.duration_s, SECOND)
             graph.scalar(iri, LF.stopTime, declared.stop_s, SECOND)
+
+    def describe_result(self, graph: Graph, base: str, thing: str, title: Literal) -> None:
+        """Describe the invocation with its feedback and its result, by the names of their JSON form."""
+        super().describe_result(graph, base, thing, title)
+        if not self.of_action:
+            return
+        shape = NamedNode(f"{base}{self.path_at(thing)}/produceshape")
+        compiled, writer = self.part.compiled(base).actions[self.of_action], ShapeWriter(graph, of_output=True)
+        for predicate, name, place in (
+            (LF.feedback, "feedback", compiled.feedback),
+            (LF.output, "output", compiled.result),
+        ):
+            if place is not None:
+                writer.part_shape(shape, predicate, name, place)
 
     def _consumes(self, graph: Graph, base: str, numbers: Iterable[Literal]) -> Node:
         node = graph.blank()

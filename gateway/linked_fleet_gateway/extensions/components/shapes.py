@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 from msgspec import UNSET
-from pyoxigraph import Literal
+from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.schema import MAX_ITEMS, MAX_TEXT, Schema
 from linked_fleet_gateway.extensions.components.limits import (
@@ -58,6 +58,12 @@ class ShapeWriter:
             self._either_unknown(value, lambda known: self._constrain(known, place))
         else:
             self._constrain(value, place, may_be_unknown=self._of_output)
+
+    def part_shape(self, node: Node, predicate: NamedNode, name: str, place: Place) -> None:
+        """Make ``node`` also the shape of a node with a value: the members of an object, or an ``lf:value``."""
+        inner = self._graph.blank()
+        self._graph.add(self._property(node, predicate, name=name), SH.node, inner)
+        (self.object_shape if place.schema.type == "object" else self.value_shape)(inner, place)
 
     def _either_unknown(self, node: Node, constrain: Callable[[Node], None]) -> None:
         known, unknown = self._graph.blank(), self._graph.blank()
@@ -138,6 +144,8 @@ class ShapeWriter:
         self._among(self._property(shape, RDF.type), [MATHS.Scalar])
         unit = self._property(shape, VOM.unit, least=units[0] != UNITLESS, name="unit")
         self._among(unit, [iri for each in units for iri in each.accepted])
+        if not self._of_output and units[0] != UNITLESS:
+            graph.add(unit, SH.defaultValue, units[0].accepted[0])
         self._among(self._property(shape, QUDT.unit), [each.qudt for each in units])
 
     def _in_unit(self, unit: Unit, limits: Range) -> Node:

@@ -12,6 +12,8 @@ from rdflib import RDF, RDFS, Literal, URIRef
 
 from browser import DCTERMS, LF, SH, VOM, Browser, Page
 from component_cell import Cell, Colour, Grasped, Piece
+from linked_fleet_client.errors import InvalidInput
+from linked_fleet_client.fleet import Fleet
 from running import eventually
 from small_fleet import Place, number, whole
 from subscribers import Events, events
@@ -242,7 +244,33 @@ def test_pages_have_values_forms_and_events(hall: Hall) -> None:
         assert f">{heading}</h2>" in gripper
     assert 'value="0.08" data-unit="m"' in gripper and "Two fingers." in gripper
     assert 'data-include="' + hall.root + "gripper/actions/grasp" in gripper
-    assert "&#34;max&#34;:70.0" in grasp and "must be a number" not in grasp
+    assert "&#34;max&#34;:70.0" in grasp and "Also described here" not in grasp
     assert grasp.count('data-path="http://qudt.org/schema/qudt/unit"') == 0, "a unit is asked for once"
     hall.cell.gripper.broken = "no bus"
     eventually(lambda: "width cannot be read: no bus" in page("gripper"), "the page says why")
+
+
+def test_the_client_acts_and_reads_by_names(hall: Hall) -> None:
+    with Fleet(hall.place.root) as fleet:
+        gripper = fleet.cell.gripper
+        assert {"grasp", "width", "lost"} <= set(dir(gripper))
+        assert gripper.width.number == pytest.approx(0.08)
+        with pytest.raises(InvalidInput, match=r"force\.value: 200 is not more than 0 to 70"):
+            gripper.grasp(force=200)
+        run = gripper.grasp(force=20)
+        assert run.wait(timeout_s=10) == "succeeded"
+        assert (run.output["holding"], run.output["width"].number) == (True, pytest.approx(0.03))
+        assert run.feedback["value"].number == pytest.approx(0.03)
+        assert fleet.cell.lamp.on is False
+        fleet.cell.lamp.actions["on"](value=True).wait(timeout_s=10)
+        assert hall.cell.lamp.lit
+        with pytest.raises(AttributeError, match="nothing"):
+            _ = fleet.cell.nothing
+
+
+def test_what_an_action_produces_is_described_and_conforms(hall: Hall) -> None:
+    done = hall.browser.page(hall.invoke("gripper/actions/grasp").headers["location"])
+    shape = hall.page("gripper/actions/grasp/produceshape")
+    conforms, _, text = pyshacl.validate(done.graph, shacl_graph=shape.graph)
+    assert conforms, text
+    assert {"holding", "width", "output", "feedback"} <= {str(each) for each in shape.graph.objects(None, SH.name)}
