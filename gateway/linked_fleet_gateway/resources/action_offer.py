@@ -16,6 +16,7 @@ from pyoxigraph import Literal, NamedNode, Triple
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.shapes import ACTIONS, add_closure, copy_shape, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDF, RDFS, SH
@@ -166,6 +167,11 @@ class Offer:
     @property
     def methods(self) -> tuple[str, ...]:
         return self.definition.method_names
+
+    @property
+    def needs(self) -> tuple[Right, ...]:
+        """The rights, one of which invoking it needs."""
+        return (Right.STOP,) if self.is_stop else (Right.ACT,)
 
     @property
     def declared_by(self) -> str:

@@ -9,7 +9,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Action
 from linked_fleet_agent.wire.keys import escape
-from linked_fleet_gateway.api import ActionRequest, BadRequest, Body, Graph, Motion, UnprocessableContent
+from linked_fleet_gateway.api import ActionRequest, BadRequest, Body, Graph, Motion, Right, UnprocessableContent
 from linked_fleet_gateway.base.errors import PayloadTooLarge
 from linked_fleet_gateway.extensions.components.declarations import Input
 from linked_fleet_gateway.extensions.components.items import schema_json
@@ -23,6 +23,10 @@ from linked_fleet_gateway.serving import Act
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.components.part import ComponentPart
+
+
+_RESET = LF.extended("ResetProtectiveStop").ResetProtectiveStop
+"""The kind of action that lets a robot move again after a protective stop."""
 
 
 class InputBody(Body):
@@ -52,6 +56,10 @@ class ComponentOffer(Offer):
     @property
     def template_key(self) -> object:
         return None
+
+    @property
+    def needs(self) -> tuple[Right, ...]:
+        return (Right.RESET,) if self.definition.iri == _RESET else super().needs
 
     @property
     def declared_by(self) -> str:

@@ -24,6 +24,7 @@ from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, add_closure, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, QUDT, RDF, VOM, XSD
 from linked_fleet_rdf.turtle import Term
 
+_RESET = LF.extended("ResetProtectiveStop").ResetProtectiveStop
 _NUMBERS = frozenset(URIRef(each.value) for each in NUMERIC)
 _EXACT = frozenset({URIRef(XSD.decimal.value), URIRef(XSD.double.value)})
 _TEXT, _ADDRESS, _BOOLEAN = (URIRef(each.value) for each in (XSD.string, XSD.anyURI, XSD.boolean))
@@ -44,7 +45,8 @@ def form_of_action(facts: Facts, iri: NamedNode) -> Form:
     classes, fields = ("", ()) if consumed is None else _fields(_written(facts), str(consumed))
     # PUT first, because it can be repeated safely.
     stops = {each.iri for each in action_definitions() if each.is_stop}
-    right = Right.ACT if stops.isdisjoint(facts.all(iri, RDF.type)) else Right.STOP
+    types = set(facts.all(iri, RDF.type))
+    right = Right.RESET if _RESET in types else Right.ACT if stops.isdisjoint(types) else Right.STOP
     return _form(
         iri.value,
         sorted(methods, reverse=True) or ["POST"],
