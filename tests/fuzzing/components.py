@@ -8,6 +8,8 @@ from random import Random
 from typing import Any
 
 import msgspec
+from msgspec import UNSET
+from pyoxigraph import NamedNode
 
 from component_agent import ExactRobot, Hand
 from component_agent import Memory as Link
@@ -17,10 +19,24 @@ from fuzzing.wire import spoilt
 from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.components.declaration import declare
 from linked_fleet_agent.wire.codec import WireError, decode, decode_reply
-from linked_fleet_agent.wire.components import Component, Occurrence, Values, read_declarations, read_value
-from linked_fleet_agent.wire.messages import Accepted
+from linked_fleet_agent.wire.components import (
+    MAX_FEEDBACK_BYTES,
+    MAX_RESULT_BYTES,
+    Component,
+    Occurrence,
+    Values,
+    read_declarations,
+    read_value,
+    without_unusable_parts,
+)
+from linked_fleet_agent.wire.messages import Accepted, Progress
 from linked_fleet_agent.wire.schema import Schema, schema_problem, value_problem
+from linked_fleet_gateway.extensions.components.declarations import Input
+from linked_fleet_gateway.extensions.components.places import place_of
+from linked_fleet_gateway.extensions.components.state import RobotState
+from linked_fleet_gateway.rdf.graph import Graph
 
+_TERM, _FOCUS = "http://example.org/r/vocabulary#hand-input-x", NamedNode("http://example.org/r/hand/actions/x")
 _SCHEMAS: tuple[dict[str, Any], ...] = (
     {"type": "number", "unit": "M", "minimum": 0, "maximum": 0.08, "default": 0.04, "title": "Width"},
     {"type": "integer", "enum": [1, 2, 3]},
@@ -29,6 +45,8 @@ _SCHEMAS: tuple[dict[str, Any], ...] = (
     {"type": "object", "properties": {"a": {"type": "number"}, "b": {"type": "string"}}, "required": ["a"]},
 )
 _VALUES: tuple[Any, ...] = (0.03, 2, "AB-12", [True, False], {"a": 1, "b": "x"})
+_HAND = declare(Hand()).said
+_DECLARED = msgspec.json.encode(_HAND)
 _LINKS, _JOINTS = {"base"}, {"arm", "finger"}
 _INPUTS: tuple[tuple[dict[str, Any], Any], ...] = (
     ({"action": "grasp"}, {"force": 20}), ({"action": "release"}, {}), ({"action": "roll"}, None),
@@ -59,6 +77,7 @@ class World:
         self._loop = loop
         loop.run_until_complete(_end_tasks())
         self._now_ns, self._ids = 10**12, itertools.count()
+        self._heard: RobotState | None = None
         self._link = Link()
         self._agent = Agent(
             "r", ExactRobot(Hand()), monotonic_ns=lambda: self._now_ns, wall_ns=lambda: self._now_ns + 10**18
@@ -70,7 +89,7 @@ class World:
 
     def declaration(self, random: Random) -> None:
         """Whatever is declared is refused with a sentence, or can be used and costs no more than its bounds."""
-        said = json.loads(msgspec.json.encode(declare(Hand()).said))
+        said = json.loads(_DECLARED)
         said["properties"]["more"] = {"schema": json.loads(json.dumps(random.choice(_SCHEMAS)))}
         accepted, refused = read_declarations(spoilt(random, [said]), _LINKS, _JOINTS)
         assert all(refused), "what is refused is told why"
@@ -95,6 +114,60 @@ class World:
             decode(spoilt(random, common | more), kind)
         except WireError as error:
             assert str(error)
+
+    def receipt(self, random: Random) -> None:
+        """A gateway takes what conforms, and says in sentences what it refuses."""
+        self._heard = self._heard or RobotState([_HAND], 1)
+        values = {"hand": {"at_ns": 1, "values": {"width": random.random(), "light": random.random() < 0.5}}}
+        common = {"version": 2, "incarnation": 1, "sequence": next(self._ids), "monotonic_ns": 1, "wall_ns": 1}
+        event = {"component": "hand", "event": "dropped", "data": {"at": 1}}
+        try:
+            if random.random() < 0.5:
+                said = decode(spoilt(random, common | {"components": values}), Values)
+                changes, refused = (self._heard.hear if random.random() < 0.8 else self._heard.hear_all)(said)
+                assert all(refused), "what is refused is told why"
+                assert all(name == "hand" for name, _ in changes)
+            else:
+                self._heard.happen(decode(spoilt(random, common | event), Occurrence))
+        except WireError as error:
+            assert str(error)
+        if random.random() < 0.05:
+            list(self._heard.expire(random.randrange(10**12)))
+        state = self._heard.components["hand"]
+        for name, value in state.values.items():
+            schema = state.declared.properties[name].schema
+            assert value is None or not value_problem(schema, value), "a value that is kept conforms"
+
+    def input(self, random: Random) -> None:
+        """The shape of an input takes what conforms to its schema, and nothing else."""
+        index = random.randrange(len(_SCHEMAS))
+        schema = msgspec.convert({"type": "object", "properties": {"a": _SCHEMAS[index]}}, Schema)
+        taken, graph = Input(place_of(schema, _TERM)), Graph()
+        try:
+            given = msgspec.json.decode(spoilt(random, {"a": json.loads(json.dumps(_VALUES[index]))}))
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            return
+        if not isinstance(given, dict):
+            return
+        taken.describe(graph, _FOCUS, given)
+        value, refused = taken.read(graph.triples, _FOCUS)
+        assert (refused is None) == (not value_problem(schema, given)), given
+        assert refused is None or refused[0], "a refusal has a sentence"
+        assert refused is not None or not value_problem(schema, value)
+
+    def result(self, random: Random) -> None:
+        """Whatever an action returns is kept as it is, or the progress is refused."""
+        said = {
+            "version": 1, "id": "a", "incarnation": 1, "state": "succeeded", "wall_ns": 1,
+            "result": json.loads(json.dumps(random.choice(_VALUES))), "feedback": mutation.value(random),
+        }  # fmt: skip
+        try:
+            progress, _ = without_unusable_parts(decode(spoilt(random, said), Progress))
+        except WireError as error:
+            assert str(error)
+            return
+        for part, most in ((progress.feedback, MAX_FEEDBACK_BYTES), (progress.result, MAX_RESULT_BYTES)):
+            assert part is UNSET or len(msgspec.json.encode(msgspec.json.decode(part))) <= 2 * most
 
     def operate(self, random: Random) -> None:
         """The agent answers every request, and goes on."""
@@ -144,4 +217,5 @@ def _use(random: Random, component: Component) -> None:
 
 _CASES: tuple[Callable[[World, Random], None], ...] = (
     World.declaration, World.declaration, World.value, World.message, World.operate, World.operate, World.stop,
+    World.receipt, World.receipt, World.receipt, World.input, World.result,
 )  # fmt: skip

@@ -8,10 +8,10 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Annotated, Any
 
 import msgspec
-from msgspec import UNSET, Meta, Raw, Struct, UnsetType, field
+from msgspec import UNSET, Meta, Raw, Struct, UnsetType, field, structs
 
 from linked_fleet_agent.wire.messages import COMPONENTS_VERSION as COMPONENTS_VERSION
-from linked_fleet_agent.wire.messages import Description, Identifier, Name, Unsigned
+from linked_fleet_agent.wire.messages import Description, Identifier, Name, Progress, Unsigned
 from linked_fleet_agent.wire.schema import Iri, Prose, Schema, Title, schema_problem, value_problem
 
 MAX_COMPONENTS, MAX_PROPERTIES, MAX_ACTIONS, MAX_EVENTS = 64, 256, 128, 128
@@ -211,6 +211,25 @@ def _schemas(component: Component) -> Iterator[tuple[str, Schema]]:
 
 def _present(parts: Iterable[tuple[str, Schema | None]]) -> Iterator[tuple[str, Schema]]:
     return ((where, schema) for where, schema in parts if schema is not None)
+
+
+def without_unusable_parts(progress: Progress) -> tuple[Progress, str]:
+    """Return progress without a feedback or a result that is no JSON or too long, and a sentence about it."""
+    problems = dict[str, str]()
+    for name, part, most in (
+        ("feedback", progress.feedback, MAX_FEEDBACK_BYTES),
+        ("result", progress.result, MAX_RESULT_BYTES),
+    ):
+        if part is UNSET:
+            continue
+        if len(bytes(part)) > most:
+            problems[name] = f"the {name} has {len(bytes(part))} bytes; {most} is the maximum"
+            continue
+        try:
+            msgspec.json.decode(part)
+        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
+            problems[name] = f"the {name} is no JSON: {error}"
+    return (structs.replace(progress, **dict.fromkeys(problems, UNSET)), "; ".join(problems.values()))
 
 
 def read_value(schema: Schema, payload: bytes | Raw, most_bytes: int = MAX_VALUE_BYTES) -> tuple[Any, str]:

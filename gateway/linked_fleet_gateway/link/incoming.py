@@ -7,6 +7,7 @@ from functools import partial
 from typing import Literal
 
 from linked_fleet_agent.wire.codec import WireError, decode
+from linked_fleet_agent.wire.components import without_unusable_parts
 from linked_fleet_agent.wire.keys import Keys, RobotKey
 from linked_fleet_agent.wire.messages import Condition, Progress
 from linked_fleet_gateway.fleet.answers import RejectedMessages
@@ -154,8 +155,10 @@ class Incoming:
             self._too_large(robot.robot, payload)
             return
         try:
-            progress = decode(payload, Progress)
+            progress, problem = without_unusable_parts(decode(payload, Progress))
         except WireError as error:
             self.complaints.add(robot.robot, error)
             return
+        if problem:  # the state counts nevertheless
+            self.complaints.add(robot.robot, problem)
         self._on_progress(robot.robot, progress)
