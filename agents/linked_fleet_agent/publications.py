@@ -102,6 +102,7 @@ def describe(
         urdf=facts.urdf,
         base="floating" if facts.floating else "fixed",
         joints=joints,
+        passive=tuple(joint.name for joint in facts.joints if joint.passive),
         tolerances=_tolerances(facts.joints),
         rate_hz=rate_hz,
         capabilities=("move", "follow", "stop"),

@@ -63,8 +63,8 @@ class Camera(Struct, frozen=True, kw_only=True):
 class Description(Struct, frozen=True, kw_only=True):
     """The description of a robot by its agent; ``joints`` is the order of the arrays in its state frames.
 
-    ``tolerances`` says by joint how near to its target a motion brings it (rad or m), where that is known.
-    Components are read apart from the rest (``wire/components.py``).
+    ``passive`` are those of them that take no commands. ``tolerances`` says by joint how near to its target a motion
+    brings it (rad or m), where that is known. Components are read apart from the rest (``wire/components.py``).
     """
 
     version: int
@@ -74,6 +74,7 @@ class Description(Struct, frozen=True, kw_only=True):
     urdf: Annotated[str, Meta(max_length=8_000_000)]
     base: Literal["fixed", "floating"] = "fixed"
     joints: Annotated[tuple[Name, ...], Meta(max_length=1024)]
+    passive: Annotated[tuple[Name, ...], Meta(max_length=1024)] = ()
     tolerances: Annotated[dict[Name, Tolerance], Meta(max_length=1024)] = {}
     rate_hz: Annotated[float, Meta(gt=0, le=10_000)]
     capabilities: Annotated[tuple[Annotated[str, Meta(max_length=32)], ...], Meta(max_length=64)] = ()

@@ -44,7 +44,7 @@ def validate_action_body(offer: Offer, triples: Sequence[Triple], base: str) -> 
     robot = offer.robot
     model = robot.model if robot is not None else None
     named = tuple(named_poses(robot)) if robot is not None and offer.definition.iri == LF.AssumePose else ()
-    joints = robot.description.joints if robot is not None and robot.description is not None else ()
+    joints = () if robot is None else robot.commanded
     key = offer.definition, base, offer.thing, named
     validator, terms = _VALIDATORS.get(robot, (model, joints), key, lambda: _validator(offer, base))
     report = validator.report(triples, focus)

@@ -107,6 +107,14 @@ class Robot:
         return self.presence, None if self.online else self.last_seen_ns, self.fault
 
     @property
+    def commanded(self) -> tuple[str, ...]:
+        """The joints of its frames that take commands, as far as its agent says."""
+        said = self.description
+        if said is None:
+            return ()
+        return said.joints if not said.passive else tuple(each for each in said.joints if each not in said.passive)
+
+    @property
     def title(self) -> str:
         said = self.description.title if self.description is not None else ""
         return self.settings.get("title") or said or self.name

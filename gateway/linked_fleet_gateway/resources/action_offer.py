@@ -124,13 +124,12 @@ Condition = Callable[[Robot, Joint | None], bool]
 
 def _is_bounded(robot: Robot, joint: Joint | None) -> bool:
     """Return True for a joint that has limits and is in the agent's frames, which means that it takes commands."""
-    listed = robot.description.joints if robot.description is not None else ()
-    return joint is not None and is_bounded(joint) and joint.name in listed
+    return joint is not None and is_bounded(joint) and joint.name in robot.commanded
 
 
 CONDITIONS: dict[NamedNode, Condition] = {
     LF.isBounded: _is_bounded,
-    LF.isCommandable: lambda robot, joint: joint is not None and joint.commandable,
+    LF.isCommandable: lambda robot, joint: joint is not None and joint.commandable and joint.name in robot.commanded,
     LF.hasCommandableJoint: lambda robot, joint: bool(commandable_joints(robot)),
     LF.hasMovedLink: lambda robot, joint: bool(moved_links(robot)),
     LF.hasNamedPose: lambda robot, joint: bool(named_poses(robot)),
@@ -223,7 +222,7 @@ class Offer:
             return definition.iri
         if robot is None or robot.description is None or joint is None:
             return None
-        return definition.iri, joint.kind, robot.name, robot.model, robot.description.joints
+        return definition.iri, joint.kind, robot.name, robot.model, robot.commanded
 
     def describe(self, graph: Graph, base: str) -> None:
         """Describe the action as in figure 5a, corrected: limits on the value, per unit, and suitable methods."""

@@ -58,7 +58,7 @@ def form_of_input(offer: Offer, base: str) -> Form:
     if (declared := offer.input_form(base)) is not None:
         return declared
     robot = offer.robot
-    joints = () if robot is None or robot.description is None else robot.description.joints
+    joints = () if robot is None else robot.commanded
     known = None if robot is None else (robot.model, joints, robot.annotations)
     return _INPUTS.get(robot, known, (offer.path, base), lambda: _form_of_input(offer, base))
 

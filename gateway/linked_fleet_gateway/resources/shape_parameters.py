@@ -53,8 +53,7 @@ def is_bounded(joint: Joint) -> bool:
 
 def commandable_joints(robot: Robot) -> list[Joint]:
     """Return the joints that actions of the robot can name."""
-    listed = robot.description.joints if robot.description is not None and robot.model is not None else ()
-    joints = [robot.model.joints[name] for name in listed] if robot.model is not None else []
+    joints = [] if robot.model is None else [robot.model.joints[name] for name in robot.commanded]
     return [joint for joint in joints if is_bounded(joint)]
 
 

@@ -255,7 +255,7 @@ class FleetPaths:
             robot, joint = each.robot, each.joint
             own = (each.path,) if joint is None else (joint.kind, joint.limits)
             if robot is not None and robot.description is not None and len(self._robots.robots) > _MOST_NAMED:
-                about = (robot.description.urdf, robot.description.joints, robot.annotations)
+                about = (robot.description.urdf, robot.commanded, robot.annotations)
                 found.setdefault((about, *own[1:], own[0] if joint else ""), each)
             else:
                 found.setdefault((robot and robot.name, *own), each)

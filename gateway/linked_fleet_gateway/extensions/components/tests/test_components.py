@@ -10,7 +10,7 @@ import pytest
 import rdflib
 from rdflib import RDF, RDFS, Literal, URIRef
 
-from browser import DCTERMS, LF, SH, VOM, Browser, Page
+from browser import DCTERMS, HYBRIT, LF, SH, VOM, Browser, Page
 from component_cell import Cell, Colour, Grasped, Piece
 from linked_fleet_client.errors import InvalidInput
 from linked_fleet_client.fleet import Fleet
@@ -274,3 +274,9 @@ def test_what_an_action_produces_is_described_and_conforms(hall: Hall) -> None:
     conforms, _, text = pyshacl.validate(done.graph, shacl_graph=shape.graph)
     assert conforms, text
     assert {"holding", "width", "output", "feedback"} <= {str(each) for each in shape.graph.objects(None, SH.name)}
+
+
+def test_joints_that_components_alone_move_offer_no_motions(hall: Hall) -> None:
+    robot, slide = hall.page(""), hall.page("slide")
+    offered = {str(each) for page in (robot, slide) for each in page.graph.objects(page.iri, HYBRIT.action)}
+    assert offered == {hall.root + "actions/stop"}
