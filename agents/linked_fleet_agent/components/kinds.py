@@ -13,15 +13,21 @@ from linked_fleet_agent.components.component import Component, action, event, va
 from linked_fleet_agent.components.schemas import unit
 from linked_fleet_agent.wire.kinds import LF
 
-Width = Annotated[float, unit("M"), Meta(ge=0, title="Distance of the fingers")]
-Force = Annotated[float, unit("N"), Meta(ge=0, title="Force of the fingers")]
+
+def _between(least: float, most: float | None = None) -> Meta:
+    """Return a range that a ``Meta`` of a subclass may narrow at both ends."""
+    return Meta(extra_json_schema={"minimum": least} | ({} if most is None else {"maximum": most}))
+
+
+Width = Annotated[float, unit("M"), _between(0), Meta(title="Distance of the fingers")]
+Force = Annotated[float, unit("N"), _between(0), Meta(title="Force of the fingers")]
 Holding = Annotated[bool, Meta(title="Whether something is held")]
-Charge = Annotated[float, unit("PERCENT"), Meta(ge=0, le=100, title="Charge")]
+Charge = Annotated[float, unit("PERCENT"), _between(0, 100), Meta(title="Charge")]
 Voltage = Annotated[float, unit("V"), Meta(title="Voltage")]
 Current = Annotated[float, unit("A"), Meta(title="Current, positive while the battery is charged")]
 PowerSupplyState = Literal["charging", "discharging", "full", "unknown"]
 OperationalMode = Literal["manual", "automatic"]
-SpeedScale = Annotated[float, Meta(ge=0, le=1, title="Share of its speed that the robot uses")]
+SpeedScale = Annotated[float, _between(0, 1), Meta(title="Share of its speed that the robot uses")]
 Level = Literal["ok", "warning", "error", "stale"]
 
 

@@ -19,6 +19,7 @@ from linked_fleet_agent.components import (
     Holding,
     Mode,
     PowerSupplyState,
+    SpeedScale,
     Status,
     Switch,
     Voltage,
@@ -28,6 +29,7 @@ from linked_fleet_agent.components import (
     value,
 )
 from linked_fleet_agent.components.declaration import declare
+from linked_fleet_agent.components.schemas import schema_of
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.components import Values
 from linked_fleet_agent.wire.kinds import KINDS, LF
@@ -138,6 +140,12 @@ def test_names_of_python_become_those_of_the_kind_and_only_there() -> None:
         one_two = event()
 
     assert list(declare(Plain()).said.events) == ["one_two"]
+
+
+def test_a_range_of_a_kind_is_narrowed_at_both_ends() -> None:
+    plain, narrow = schema_of(SpeedScale), schema_of(Annotated[SpeedScale, Meta(ge=0.1, le=0.5)])
+    assert (plain.minimum, plain.maximum, narrow.minimum, narrow.maximum) == (0, 1, 0.1, 0.5)
+    assert schema_of(Annotated[Force, Meta(gt=0)]).exclusive_minimum == 0
 
 
 async def test_values_results_and_events_are_those_of_the_kind() -> None:
