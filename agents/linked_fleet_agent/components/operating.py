@@ -105,6 +105,7 @@ class Operating:
         self._outcomes += self._motions.release(joints, operate.id)
 
         def begin() -> list[Outcome]:
+            self._motions.setpoints.release(joints)
             self._operations.begin(operate.id, name, task, given, self._now_s)
             return []
 
