@@ -7,6 +7,7 @@ The two servos are simulated. Replace the lines that end with "bus" by those tha
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 
 from linked_fleet_agent.robot import Facts, Reading
 from linked_fleet_agent.serving import run
@@ -25,13 +26,14 @@ URDF = """
   </joint>
 </robot>"""
 SERVO_RAD_PER_S = 3.0
+STEP_RAD = math.tau / 4096  # of the encoders
 
 
 class Head:
     """A driver: one thread calls these five methods a hundred times a second (linked_fleet_agent/robot.py)."""
 
     def __init__(self) -> None:
-        self._joints = {joint.name: joint for joint in joints_of(URDF)}
+        self._joints = {joint.name: replace(joint, resolution=STEP_RAD) for joint in joints_of(URDF)}
         self._angles = dict.fromkeys(self._joints, 0.0)
         self._goals = dict(self._angles)
         self._read_at_s = math.inf
@@ -44,8 +46,9 @@ class Head:
         for name, goal in self._goals.items():  # bus
             self._angles[name] += max(-step, min(step, goal - self._angles[name]))  # bus
         self._read_at_s = now_s
-        unknown = (math.nan,) * len(self._angles)  # neither speed nor effort is measured
-        return Reading(tuple(self._angles.values()), unknown, unknown)
+        angles = [STEP_RAD * round(angle / STEP_RAD) for angle in self._angles.values()]  # bus
+        unknown = (math.nan,) * len(angles)  # neither speed nor effort is measured
+        return Reading(tuple(angles), unknown, unknown)
 
     def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
         if wrong := [name for name, goal in setpoints.items() if name not in self._joints or not math.isfinite(goal)]:

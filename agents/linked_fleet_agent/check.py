@@ -99,7 +99,9 @@ def _of_robot(name: str, robot: Any, problems: list[str], shown: set[type]) -> I
         yield f"robot {name}: {facts.title}, {'floating' if facts.floating else 'fixed'} base"
         for joint in facts.joints:
             moved = "moved by components alone" if joint.passive else "takes commands"
-            yield f"  joint {joint.name} [{joint.unit}], {moved}"
+            near = joint.arrival_tolerance
+            within = "" if near is None else f", arrives within {near:.3g} {joint.unit}"
+            yield f"  joint {joint.name} [{joint.unit}], {moved}{within}"
     for component in components:
         yield from (f"  {line}" for line in _of_component(component, [] if facts is None else problems))
 

@@ -14,13 +14,13 @@ from linked_fleet_agent.plan import Plan, Start, joints_of
 from linked_fleet_agent.robot import JointFacts, Limits
 from linked_fleet_agent.setpoints import Setpoints
 from linked_fleet_agent.trajectory import RAMP_S, Trajectory, brake, cruise_of, hold, reach, reach_in
+from linked_fleet_agent.urdf.facts import TOLERANCE_M, TOLERANCE_RAD
 from linked_fleet_agent.wire.messages import Follow, Move
 
-# If all seven joints of an arm of 1.2 m are off by this much in the same direction, its tip is off by less than 1 mm.
-TOLERANCE_RAD, TOLERANCE_M = 2e-4, 2e-4
 # A stopped joint must be measured in one place for this long.
 STANDSTILL_S = 0.2
-# A joint with a coarser sensor may stand this far from its target: by the smallest change that the sensor shows.
+# A joint with a coarser sensor may stand this far from its target: by the smallest change that the sensor shows, if its
+# driver declares neither tolerance nor resolution.
 MAX_RESOLUTION_RAD, MAX_RESOLUTION_M = 0.01, 2e-3
 # The setpoint waits for a joint that lags behind it: it slows down from half of this lag on, and stops at this lag.
 MAX_LAG_RAD, MAX_LAG_M = 0.4, 0.1
@@ -150,10 +150,11 @@ class Axis:
         off = abs(self.joint.difference(self.trajectory.end, measured.positions[self.joint.name]))
         if not self.at_rest:
             return False
-        if self.joint.tolerance is None and off <= self._tolerance:
+        declared = self.joint.arrival_tolerance
+        if declared is None and off <= self._tolerance:
             return True
-        allowed = self.joint.tolerance or (self._resolution if self._resolution <= self._coarsest else 0.0)
-        return off <= allowed and self.stands(measured)
+        seen = self._resolution if self._resolution <= self._coarsest else 0.0
+        return off <= (seen if declared is None else declared) and self.stands(measured)
 
     def gives_up(self, measured: Measurements, resting_s: float) -> bool:
         """Return True if the joint is stuck, or does not arrive ``resting_s`` after the end of its trajectory."""

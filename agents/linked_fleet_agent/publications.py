@@ -8,13 +8,13 @@ import logging
 import math
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import islice
 
 from msgspec import UNSET, Raw, structs
 
 from linked_fleet_agent.motion import Outcome
-from linked_fleet_agent.robot import CameraRobot, Facts, PictureError, Reading, Robot
+from linked_fleet_agent.robot import CameraRobot, Facts, JointFacts, PictureError, Reading, Robot
 from linked_fleet_agent.urdf import RobotModel, UrdfError
 from linked_fleet_agent.urdf.facts import joint_mismatch
 from linked_fleet_agent.wire import codec
@@ -22,6 +22,7 @@ from linked_fleet_agent.wire.codec import PictureHeader, WireError, encode_pictu
 from linked_fleet_agent.wire.components import DescriptionWithComponents
 from linked_fleet_agent.wire.messages import (
     MAX_SENSOR_FAULTS,
+    MAX_TOLERANCE,
     WIRE_VERSION,
     Base,
     Camera,
@@ -101,6 +102,7 @@ def describe(
         urdf=facts.urdf,
         base="floating" if facts.floating else "fixed",
         joints=joints,
+        tolerances=_tolerances(facts.joints),
         rate_hz=rate_hz,
         capabilities=("move", "follow", "stop"),
         annotations=facts.annotations,
@@ -111,6 +113,21 @@ def describe(
     if not components:
         return description
     return DescriptionWithComponents(components=Raw(components), **structs.asdict(description))
+
+
+def _tolerances(joints: Iterable[JointFacts]) -> dict[str, float]:
+    """Return the known tolerances of the joints that take commands. Raises UrdfError for one that cannot be used."""
+    known = dict[str, float]()
+    for joint in joints:
+        tolerance = joint.arrival_tolerance
+        if tolerance is not None and not 0.0 < tolerance <= MAX_TOLERANCE:
+            raise UrdfError(
+                f"joint {joint.name!r} has a tolerance of {tolerance:g} {joint.unit}; it must be above 0 and at most "
+                f"{MAX_TOLERANCE:g} {joint.unit}"
+            )
+        if tolerance is not None and joint.mimics is None and not joint.passive:
+            known[joint.name] = tolerance
+    return known
 
 
 PERIOD_S = 0.05

@@ -159,6 +159,27 @@ class Thing(Observable):
         found: Thing = _first((lambda: self.parts, lambda: self.collections), "part", name)
         return found
 
+    def __getattr__(self, name: str) -> Any:
+        """Return the action, part, present value of the property, or linked resource of that name, for short programs.
+
+        ``robot.gripper.grasp(force=20)`` and ``robot.gripper.width`` do what ``actions``, ``properties`` and ``[]`` do.
+        """
+        if name.startswith("_"):
+            raise AttributeError(name)
+        try:
+            found = self.member(name)
+        except NoSuchThing as error:
+            raise AttributeError(str(error)) from error
+        if not isinstance(found, Property):
+            return found
+        reading = found.reading
+        return reading.main or reading.values.get(local_name(LF.value))
+
+    def __dir__(self) -> Iterable[str]:
+        """Return its attributes and what it has, for completion."""
+        own = [*self.parts, *self.properties, *self.actions]
+        return [*super().__dir__(), *(each.name for each in own if each.name.isidentifier())]
+
     def __contains__(self, name: object) -> bool:
         """Return True if a part or a linked resource has that name."""
         try:

@@ -267,13 +267,26 @@ def _named(fields: Sequence[Field], name: str) -> URIRef | None:
 
 
 def _parts_of(value: Any, shape: Shape) -> Mapping[str, Any] | None:
-    """Return the parts of a nested node: a mapping unchanged, a quantity as its number and its unit."""
+    """Return the parts of a nested node: a mapping unchanged, a quantity as its number and its unit, a number alone."""
     if isinstance(value, Mapping):
         return value
+    if _is_plain_number(value):
+        numbers = [each for each in all_fields(shape) if each.path in NUMBERS]
+        return {str(each.path): value for each in numbers} if len(numbers) == 1 else None
     if isinstance(value, Quantity):
         said = [(NUMBERS, value.number), (UNIT_PATHS, value.unit)]
         return {str(each.path): part for each in all_fields(shape) for paths, part in said if each.path in paths}
     return None
+
+
+def _is_plain_number(value: Any) -> bool:
+    if isinstance(value, str):
+        try:
+            float(value)
+        except ValueError:
+            return False
+        return True
+    return isinstance(value, int | float) and not isinstance(value, bool)
 
 
 def _is_number(each: Field) -> bool:

@@ -17,7 +17,7 @@ from linked_fleet_client.quantity import Quantity
 from linked_fleet_client.reading import Value, date_time, read
 from linked_fleet_client.resource import Resource
 from linked_fleet_client.retry import Repeat
-from linked_fleet_client.vocabulary import HYBRIT, LF, PROV, document_of, local_name
+from linked_fleet_client.vocabulary import HYBRIT, LF, PROV, RDFS, SH, document_of, is_web, local_name
 from linked_fleet_client.web import Document, Web
 
 ENDED = frozenset({LF.succeeded, LF.failed, LF.cancelled, LF.preempted})
@@ -76,6 +76,29 @@ class Invocation(Resource):
     def result(self) -> dict[str, Value]:
         """The result values by their names in the description; empty before the end."""
         return _below(self.document().graph, self.node, LF.result)
+
+    @property
+    def output(self) -> dict[str, Value]:
+        """What the action returned, by the names in the shape of what it produces; empty before the end."""
+        return self._named(LF.output)
+
+    @property
+    def feedback(self) -> dict[str, Value]:
+        """The last feedback that it gave, likewise."""
+        return self._named(LF.feedback)
+
+    def _named(self, predicate: URIRef) -> dict[str, Value]:
+        found = _below(self.document().graph, self.node, predicate)
+        return {self._names().get(key.partition(".")[0], key): value for key, value in found.items()} if found else {}
+
+    def _names(self) -> dict[str, str]:
+        """Return the names of members of what the action produces, by the local names of their predicates."""
+        action = self.document().graph.value(self.node, RDFS.seeAlso)
+        said = self.web.get(str(action)) if is_web(action) else None
+        shape = None if said is None else said.graph.value(said.iri(str(action)), HYBRIT.produces)
+        graph = self.web.get(str(shape)).graph if is_web(shape) else Graph()
+        named = [(graph.value(each, SH.path), name) for each, name in graph.subject_objects(SH.name)]
+        return {local_name(str(path)): str(name) for path, name in named if isinstance(path, URIRef)}
 
     @property
     def target(self) -> dict[str, Value]:

@@ -4,13 +4,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 
-from rdflib import Graph
+from rdflib import XSD, Graph
 from rdflib.term import BNode, Literal, Node, URIRef
 
 from linked_fleet_client.quantity import NUMBERS, UNIT_PATHS, UNITS, Quantity, number
 from linked_fleet_client.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDF, RDFS, SOSA, local_name
 
-Value = Quantity | str | URIRef
+Value = Quantity | str | URIRef | bool
 _TIMES = (SOSA.resultTime, PROV.generatedAtTime, DCTERMS.modified)
 # Vocabularies of statements about a property that are no values of it.
 _ABOUT = (str(HYBRIT), str(DCTERMS), str(RDFS), str(RDF), str(LDP), str(SOSA))
@@ -83,6 +83,8 @@ def _by_predicate(graph: Graph, node: Node) -> list[tuple[Node, list[Node]]]:
 def _value(term: Node, unit: URIRef | None, time: datetime | None) -> Value | None:
     if term == LF.unknown:
         return Quantity(None, unit and str(unit), time)
+    if isinstance(term, Literal) and term.datatype == XSD.boolean and isinstance(term.toPython(), bool):
+        return bool(term.toPython())
     if isinstance(term, Literal):
         value = number(term)
         return Quantity(value, unit and str(unit), time) if value is not None else str(term)

@@ -4,7 +4,7 @@ They are for own forms of bodies, preconditions, protocols and logins, and for w
 tables of an own form, and invocations for a client. ``VERSION`` counts changes that break extensions.
 """
 
-from linked_fleet_gateway.actions.plan import Caller, RobotTime, robot_time
+from linked_fleet_gateway.actions.plan import Act, Caller, RobotTime, robot_time
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.body import convert_body, parse_body, parse_form, read_body
 from linked_fleet_gateway.http.fields import Link as WebLink
@@ -36,7 +36,7 @@ from linked_fleet_gateway.subscriptions.live import Live
 VERSION = 1
 
 __all__ = [
-    "VERSION", "Authenticated", "BadToken", "Caller", "ConnectionEnded", "Identities", "Issuer", "IssuerFailed",
+    "VERSION", "Act", "Authenticated", "BadToken", "Caller", "ConnectionEnded", "Identities", "Issuer", "IssuerFailed",
     "Live", "NoAnswer", "RedisConnection", "Rendition", "Replica", "Reply", "ReplyTooLong", "RobotTime",
     "StoredRecords",
     "TokenBuckets", "WebLink", "Worker", "arrival_of", "await_preconditions", "check_acceptable",

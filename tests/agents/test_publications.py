@@ -1,6 +1,7 @@
 """What an agent tells of its robot, and what it refuses to tell because gateways would refuse it."""
 
 import logging
+import math
 from dataclasses import replace
 
 import pytest
@@ -30,6 +31,14 @@ def test_a_description_that_gateways_would_refuse_is_refused_by_its_agent_with_t
     with pytest.raises(UrdfError) as refused:
         describe("r", 1, facts, 100.0, (), ())
     assert str(refused.value) == by_gateway
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -0.1, 1.1, math.nan])
+def test_a_tolerance_that_gateways_would_refuse_is_refused_by_the_agent(tolerance: float) -> None:
+    facts = _facts(arm())
+    first, *others = facts.joints
+    with pytest.raises(UrdfError, match=f"joint 'j1' has a tolerance of {tolerance:g} rad; it must be above 0 and at"):
+        describe("r", 1, replace(facts, joints=(replace(first, tolerance=tolerance), *others)), 100.0, (), ())
 
 
 def test_findings_are_logged_when_the_agent_starts(caplog: pytest.LogCaptureFixture) -> None:

@@ -12,9 +12,9 @@ from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
 from linked_fleet_agent.robots.simulated_fingers import Fingers
 from linked_fleet_agent.robots.simulated_parts import MANUAL_SCALE
 from linked_fleet_agent.wire import codec
-from linked_fleet_agent.wire.components import Values, read_declarations
+from linked_fleet_agent.wire.components import DescriptionWithComponents, Values, read_declarations
 from linked_fleet_agent.wire.kinds import LF
-from linked_fleet_agent.wire.messages import Accepted, Description, Refused
+from linked_fleet_agent.wire.messages import Accepted, Refused
 
 FINGER = "panda_finger_joint1"
 
@@ -74,8 +74,8 @@ KINDS = {
 def test_each_robot_declares_its_parts_and_the_simulation(source: str) -> None:
     bench = Simulated(source)
     links = {"panda_hand", "left_gripper_base_link", "right_gripper_base_link", "tool0"}
-    said = codec.decode(bench.agent.description, Description)
-    declared, refused = read_declarations(bench.agent.description, links, said.joints)
+    said = codec.decode(bench.agent.description, DescriptionWithComponents)
+    declared, refused = read_declarations(said.components, links, said.joints)
     assert refused == []
     assert {each.name: each.semantic_type.removeprefix(LF) for each in declared} == {
         "mode": "Mode", "diagnostics": "Diagnostics", "simulation": "", **KINDS[source],

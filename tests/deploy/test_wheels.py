@@ -1,50 +1,27 @@
 """The two wheels, installed beside packages with common names and used outside the checkout."""
 
-import contextlib
 import json
-import os
 import subprocess
-import sys
-import sysconfig
 import zipfile
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from installed import build_wheels, environment, running
 from running import ROOT, eventually, free_port
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
-_PINS = str(ROOT / "deploy/constraints.txt")
-
 
 @pytest.fixture(scope="module")
 def wheels(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
-    folder = tmp_path_factory.mktemp("wheels")
-    _pip(Path(sys.executable), "wheel", "--no-deps", "-w", str(folder), str(ROOT / "agents"), str(ROOT))
-    return sorted(folder.glob("*.whl"))
+    return build_wheels(tmp_path_factory.mktemp("wheels"), ROOT)
 
 
 @pytest.fixture(scope="module")
 def installed(wheels: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Create an environment with the project's wheels and openai-agents; it borrows their dependencies."""
-    folder = tmp_path_factory.mktemp("environment")
-    subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(folder)], check=True)
-    site = next(folder.glob("lib/python*/site-packages"))
-    python = folder / "bin" / "python"
-    target = ["--python", str(python), "install", "--no-deps", "openai-agents", *map(str, wheels)]
-    _pip(Path(sys.executable), *target)
-    # Lines of a .pth file add folders, whose own .pth files are ignored: the checkout is not on the path.
-    lent = Path(sysconfig.get_path("purelib"))
-    (site / "cmeel.prefix").symlink_to(lent / "cmeel.prefix")
-    (site / "lent.pth").write_text(f"{lent}\nimport cmeel_pth\n")
-    return folder / "bin"
-
-
-def _pip(python: Path, *arguments: str) -> None:
-    environment = {**os.environ, "PIP_CONSTRAINT": _PINS, "PIP_BUILD_CONSTRAINT": _PINS}
-    subprocess.run([python, "-m", "pip", "-q", *arguments], check=True, env=environment, cwd="/")
+    return environment(tmp_path_factory.mktemp("environment"), wheels, "openai-agents")
 
 
 def _modules(wheel: Path) -> set[str]:
@@ -86,20 +63,6 @@ def test_no_module_of_another_package_is_taken_or_shadowed(installed: Path) -> N
     assert set(found.values()) == {None}
 
 
-@contextlib.contextmanager
-def _running(installed: Path, program: str, *arguments: str, cwd: Path) -> Iterator[subprocess.Popen[str]]:
-    environment = {**os.environ, "XDG_STATE_HOME": str(cwd / "state")}
-    environment.pop("PYTHONPATH", None)
-    child = subprocess.Popen(
-        [str(installed / program), *arguments], cwd=cwd, env=environment, text=True, stdout=subprocess.DEVNULL
-    )
-    try:
-        yield child
-    finally:
-        child.terminate()
-        child.wait(30)
-
-
 def _seen(installed: Path, root: str) -> set[str]:
     """Return the robots that the client lists; none while there is no gateway."""
     done = subprocess.run(
@@ -118,13 +81,13 @@ def test_gateway_agent_and_client_run_from_the_wheels(installed: Path, tmp_path:
     gateway = ("gateway", "--port", str(port), "--zenoh-listen", zenoh)
     agent = ("--robot", "ur5", "--connect", zenoh)
     with (
-        _running(installed, "linked-fleet", *gateway, cwd=tmp_path),
-        _running(installed, "linked-fleet-agent", *agent, cwd=tmp_path),
+        running(installed, "linked-fleet", *gateway, cwd=tmp_path),
+        running(installed, "linked-fleet-agent", *agent, cwd=tmp_path),
     ):
         eventually(lambda: _seen(installed, root) == {"ur5"}, "a robot that the client sees")
 
 
 def test_the_demo_runs_from_the_wheels(installed: Path, tmp_path: Path) -> None:
     port = free_port()
-    with _running(installed, "linked-fleet", "demo", "--port", str(port), cwd=tmp_path):
+    with running(installed, "linked-fleet", "demo", "--port", str(port), cwd=tmp_path):
         eventually(lambda: len(_seen(installed, f"http://127.0.0.1:{port}/")) == 5, "five robots")

@@ -72,7 +72,7 @@ class World:
         """Whatever is declared is refused with a sentence, or can be used and costs no more than its bounds."""
         said = json.loads(msgspec.json.encode(declare(Hand()).said))
         said["properties"]["more"] = {"schema": json.loads(json.dumps(random.choice(_SCHEMAS)))}
-        accepted, refused = read_declarations(spoilt(random, {"components": [said]}), _LINKS, _JOINTS)
+        accepted, refused = read_declarations(spoilt(random, [said]), _LINKS, _JOINTS)
         assert all(refused), "what is refused is told why"
         for component in accepted:
             _use(random, component)

@@ -11,7 +11,7 @@ from linked_fleet_gateway.identity.__main__ import new_token
 from running import Process, eventually, process
 from small_fleet import Place, live
 
-ALL = ("read", "subscribe", "stop", "act", "admin")
+ALL = ("read", "subscribe", "stop", "act", "reset", "admin")
 SEEN, HIDDEN = "lab-1", "hall-1"
 """The robots; restricted callers see only ``lab-*``."""
 PATIENCE_S = 15.0

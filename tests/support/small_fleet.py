@@ -101,7 +101,9 @@ def whole(browser: Browser) -> Walk:
             (blueprint,) = [str(b) for b in page.graph.objects(page.iri, HYBRIT.blueprint) if str(b) in tree.pages]
             shapes = tree.pages[blueprint].graph
             types = set(page.graph.objects(page.iri, rdflib.RDF.type))
-            assert any(target in types for target in shapes.objects(None, SH.targetClass)), f"{page.url} is no target"
+            own = {page.iri} if shapes.value(None, SH.targetNode, page.iri) == URIRef(f"{blueprint}#shape") else types
+            targets = {*shapes.objects(None, SH.targetClass), *shapes.objects(None, SH.targetNode)}
+            assert targets & own, f"{page.url} is no target"
             conforms, _, text = pyshacl.validate(page.graph, shacl_graph=shapes, inference="none")
             assert conforms, f"{page.url}\n{text}"
     return tree

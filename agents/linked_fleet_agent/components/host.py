@@ -18,7 +18,7 @@ from linked_fleet_agent.wire.messages import Refused
 def declarations_of(components: Iterable[Component], links: Collection[str], joints: Collection[str]) -> list[Declared]:
     """Return the declarations of the components of a robot. Raises DeclarationError for what gateways would refuse."""
     declared = [declare(each) for each in components]
-    _, refused = read_declarations(b'{"components":' + (encoded(declared) or b"[]") + b"}", links, joints)
+    _, refused = read_declarations(encoded(declared) or b"[]", links, joints)
     if refused:
         raise DeclarationError(refused[0])
     return declared

@@ -9,6 +9,9 @@ from linked_fleet_agent.urdf.joints import JointKind
 from linked_fleet_agent.urdf.limits import NO_LIMITS, Limits, Range
 from linked_fleet_agent.urdf.model import RobotModel
 
+# If all seven joints of an arm of 1.2 m are off by this much in the same direction, its tip is off by less than 1 mm.
+TOLERANCE_RAD, TOLERANCE_M = 2e-4, 2e-4
+
 
 @dataclass(frozen=True)
 class JointFacts:
@@ -17,7 +20,9 @@ class JointFacts:
     A ``continuous`` joint turns endlessly: positions a whole turn apart are equal. A ``passive`` joint is measured but
     takes no commands. ``refusal`` says why the description does not let the joint be moved; empty if it does. ``stops``
     is the range that it can reach, also beyond the limits of commands. A motion succeeds when the joint stands within
-    ``tolerance`` (rad or m) of its target; None derives it from the resolution that its sensor shows.
+    ``tolerance`` (rad or m) of its target. ``resolution`` is the smallest change that its sensor shows; a tolerance
+    follows from it where a driver declares no other one (``arrival_tolerance``). Where it declares neither, the agent
+    takes the smallest change that it has seen.
     """
 
     name: str
@@ -29,11 +34,22 @@ class JointFacts:
     refusal: str = ""
     stops: Range = (None, None)
     tolerance: float | None = None
+    resolution: float | None = None
 
     @property
     def unit(self) -> str:
         """The unit of positions: m or rad."""
         return "m" if self.linear else "rad"
+
+    @property
+    def arrival_tolerance(self) -> float | None:
+        """How near to its target a motion brings the joint, as far as its driver says so; else None.
+
+        A known resolution counts whole: a servo rounds the target by half of it, and an encoder the position.
+        """
+        if self.tolerance is not None or self.resolution is None:
+            return self.tolerance
+        return max(self.resolution, TOLERANCE_M if self.linear else TOLERANCE_RAD)
 
     def difference(self, position: float, other: float) -> float:
         """Return ``position`` minus ``other``; for a continuous joint the nearest of the equal ways, from -π to π."""

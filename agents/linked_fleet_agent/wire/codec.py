@@ -11,7 +11,7 @@ from typing import NamedTuple, TypeVar
 
 import msgspec
 
-from linked_fleet_agent.wire.components import Occurrence, Operate, Values
+from linked_fleet_agent.wire.components import DescriptionWithComponents, Occurrence, Operate, Values
 from linked_fleet_agent.wire.messages import (
     COMPONENTS_VERSION,
     WIRE_VERSION,
@@ -37,7 +37,10 @@ _BASE_VALUES = 13
 _ROWS = ("positions", "velocities", "efforts")
 
 Message = Description | Command | Stop | Progress | Condition | PictureQuery | Values | Operate | Occurrence
-_M = TypeVar("_M", Description, Command, Stop, Progress, Condition, PictureQuery, Values, Operate, Occurrence)
+_M = TypeVar(
+    "_M", DescriptionWithComponents, Description, Command, Stop, Progress, Condition, PictureQuery, Values, Operate,
+    Occurrence,
+)  # fmt: skip
 
 
 class WireError(ValueError):

@@ -86,29 +86,23 @@ class Occurrence(Struct, frozen=True, kw_only=True):
 
 
 class DescriptionWithComponents(Description, frozen=True, kw_only=True):
-    """The description of a robot with components, as its agent sends it. It is read in two parts."""
+    """The description of a robot with its components, which ``read_declarations`` reads apart from the rest."""
 
-    components: Raw
-
-
-class _Declarations(Struct):
     components: Raw = Raw(b"[]")
 
 
 def read_declarations(
-    description: bytes, links: Collection[str], joints: Collection[str]
+    components: bytes | Raw, links: Collection[str], joints: Collection[str]
 ) -> tuple[list[Component], list[str]]:
     """Return the components that a description declares, and a sentence for each that is refused.
 
     Nothing of a declaration that is too long is decoded.
     """
+    size = len(bytes(components))
+    if size > MAX_DECLARATIONS_BYTES:
+        return [], [f"the components are refused: {size} bytes; {MAX_DECLARATIONS_BYTES} is the maximum"]
     try:
-        said = msgspec.json.decode(description, type=_Declarations).components
-        if len(bytes(said)) > MAX_DECLARATIONS_BYTES:
-            return [], [
-                f"the components are refused: {len(bytes(said))} bytes; {MAX_DECLARATIONS_BYTES} is the maximum"
-            ]
-        declared = msgspec.json.decode(said, type=list[Raw])
+        declared = msgspec.json.decode(components, type=list[Raw])
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         return [], [f"the components are refused: {error}"]
     accepted, refused = list[Component](), list[str]()

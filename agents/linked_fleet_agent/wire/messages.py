@@ -16,6 +16,8 @@ Text = Annotated[str, Meta(max_length=65_536)]
 MediaType = Annotated[str, Meta(max_length=64, pattern=r"^[a-z0-9.+-]+/[a-z0-9.+-]+\Z")]
 MAX_MESHES, MAX_MESH_URI, MAX_MESH_BYTES = 1024, 512, 64 * 2**20
 MAX_CAMERAS, MAX_PIXELS = 16, 2**20
+MAX_TOLERANCE = 1.0
+Tolerance = Annotated[float, Meta(gt=0, le=MAX_TOLERANCE)]
 PictureFormat = Literal["jpeg", "png", "depth"]
 
 
@@ -61,6 +63,7 @@ class Camera(Struct, frozen=True, kw_only=True):
 class Description(Struct, frozen=True, kw_only=True):
     """The description of a robot by its agent; ``joints`` is the order of the arrays in its state frames.
 
+    ``tolerances`` says by joint how near to its target a motion brings it (rad or m), where that is known.
     Components are read apart from the rest (``wire/components.py``).
     """
 
@@ -71,6 +74,7 @@ class Description(Struct, frozen=True, kw_only=True):
     urdf: Annotated[str, Meta(max_length=8_000_000)]
     base: Literal["fixed", "floating"] = "fixed"
     joints: Annotated[tuple[Name, ...], Meta(max_length=1024)]
+    tolerances: Annotated[dict[Name, Tolerance], Meta(max_length=1024)] = {}
     rate_hz: Annotated[float, Meta(gt=0, le=10_000)]
     capabilities: Annotated[tuple[Annotated[str, Meta(max_length=32)], ...], Meta(max_length=64)] = ()
     annotations: Text = ""

@@ -13,6 +13,7 @@ from linked_fleet_client.cli.options import Session, add_common_options, all_pat
 from linked_fleet_client.cli.output import clean
 from linked_fleet_client.fleet import Fleet, Property, Thing, kind_of
 from linked_fleet_client.invocation import Invocation
+from linked_fleet_client.quantity import Quantity
 from linked_fleet_client.reading import Reading
 from linked_fleet_client.resource import step
 from linked_fleet_client.vocabulary import is_web
@@ -195,6 +196,6 @@ def _property_text(prop: Property, units: Sequence[str]) -> Iterator[str]:
         yield output.table(
             [[name, value] for name, values in output.statements(prop.triples).items() for value in values]
         )
-    times = {value.time for value in reading.values.values() if not isinstance(value, str) and value.time}
+    times = {value.time for value in reading.values.values() if isinstance(value, Quantity) and value.time}
     for time in sorted(times):
         yield f"at {time.isoformat()}"

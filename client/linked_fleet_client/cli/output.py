@@ -42,6 +42,8 @@ def convert(value: Quantity, units: Sequence[str]) -> Quantity:
 def value_text(value: Value, units: Sequence[str] = ()) -> str:
     if isinstance(value, Quantity):
         return str(convert(value, units))
+    if isinstance(value, bool):
+        return "true" if value else "false"
     return local_name(value) if isinstance(value, URIRef) else value
 
 

@@ -36,6 +36,9 @@ def validate_action_body(offer: Offer, triples: Sequence[Triple], base: str) -> 
     vocabularies, or about other resources, that have no effect. Statements in other vocabularies are outside the shape
     (paper 5.4); they are stored with the invocation.
     """
+    if (declared := offer.read_body(triples, base)) is not None:
+        body: Body = declared
+        return body
     iri = base + offer.path
     focus = find_root(triples, NamedNode(iri))
     robot = offer.robot

@@ -3,9 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from msgspec import Struct
+from msgspec import Raw, Struct
 from pyoxigraph import NamedNode
 
+from linked_fleet_agent.wire.components import COMPONENTS_VERSION, Operate
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command, Expectation, Follow, Move
 from linked_fleet_gateway.base.errors import Offline
 from linked_fleet_gateway.fleet.model import Joint, RobotModel
@@ -26,8 +27,21 @@ class RobotTime(Struct, frozen=True):
     seen_ns: int
 
 
+class Act(Struct, frozen=True):
+    """A request to a component of a robot: an action, or a property to set.
+
+    ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion.
+    """
+
+    component: str
+    input: bytes
+    action: str = ""
+    property: str = ""
+    moves: tuple[str, ...] = ()
+
+
 class Motion(Struct, frozen=True):
-    """A planned motion.
+    """A planned motion, or another request that a robot carries out.
 
     ``targets`` are the final positions (rad or m), ``speed_scale`` the share of the robot's speed, ``expectations``
     required positions at the start. A motion that is ``tied_to_lease`` stops when the lease ends. ``facts`` are further
@@ -35,7 +49,7 @@ class Motion(Struct, frozen=True):
     """
 
     robot: Robot
-    motion: Move | Follow
+    motion: Move | Follow | Act
     targets: Mapping[str, float]
     requested_at: RobotTime
     speed_scale: float = 1.0
@@ -43,6 +57,11 @@ class Motion(Struct, frozen=True):
     tied_to_lease: bool = False
     facts: Mapping[str, float] = {}
     computing_ns: int = 0
+
+    @property
+    def moves(self) -> bool:
+        """True if it moves the robot."""
+        return not isinstance(self.motion, Act) or bool(self.motion.moves)
 
 
 @dataclass(frozen=True)
@@ -66,18 +85,32 @@ MAX_TIME_TO_LIVE_NS = 60_000_000_000
 _FRAME_NS = 1_000_000_000  # a stop that is further ahead of the latest frame was another run's, by another clock
 
 
-def build_command(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: bool = False) -> Command:
+def build_command(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: bool = False) -> Command | Operate:
     """Return the command, with the time of the request, whatever time has passed since.
 
     The time that the plan took does not count, nor ``waited_ns``, the time spent in collision checks.
     """
+    time_to_live_ns = min(TIME_TO_LIVE_NS + motion.computing_ns + waited_ns, MAX_TIME_TO_LIVE_NS)
+    if isinstance(act := motion.motion, Act):
+        return Operate(
+            version=COMPONENTS_VERSION,
+            id=id,
+            incarnation=motion.requested_at.incarnation,
+            seen_ns=motion.requested_at.seen_ns,
+            time_to_live_ns=time_to_live_ns,
+            component=act.component,
+            action=act.action,
+            property=act.property,
+            input=Raw(act.input),
+            rehearsal=rehearsal,
+        )
     return Command(
         version=WIRE_VERSION,
         id=id,
         incarnation=motion.requested_at.incarnation,
         seen_ns=motion.requested_at.seen_ns,
-        time_to_live_ns=min(TIME_TO_LIVE_NS + motion.computing_ns + waited_ns, MAX_TIME_TO_LIVE_NS),
-        motion=motion.motion,
+        time_to_live_ns=time_to_live_ns,
+        motion=act,
         scale=motion.speed_scale,
         expects=dict(motion.expectations),
         rehearsal=rehearsal,

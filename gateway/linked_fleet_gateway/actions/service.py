@@ -13,12 +13,13 @@ from typing import Protocol, Self
 from msgspec.structs import replace as replace_struct
 from pyoxigraph import NamedNode
 
+from linked_fleet_agent.wire.components import Operate
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Refused, Reply, Stop
 from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler, Plan
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
 from linked_fleet_gateway.actions.opening import Opening
 from linked_fleet_gateway.actions.operations import Operations
-from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, build_command
+from linked_fleet_gateway.actions.plan import Act, ActionRequest, Caller, DeferredPlan, Halt, Motion, build_command
 from linked_fleet_gateway.actions.refusals import (
     TICK_S,
     MotionQuota,
@@ -120,7 +121,9 @@ class Actions:
     # -- motions ----------------------------------------------------------------------------------------------------
 
     async def start(self, action: str, motion: Motion, caller: Caller) -> Invocation:
-        """Start a motion. Return the invocation once its agent has accepted it; for a repeated key the first one.
+        """Start a motion, or another request that its robot carries out.
+
+        Return the invocation once its agent has accepted it; for a repeated key the first one.
 
         Raises Controlled if another caller has the lease, Changed if a precondition in the body does not hold,
         RefusedByAgent with the agent's reason, MotionRefused, also before an earlier stop is confirmed,
@@ -130,7 +133,8 @@ class Actions:
         robot, waited_ns = motion.robot, await self._ready(motion, caller)
         if self._stalls.stalled_recently():
             raise Busy("The gateway was held up, and this may have been asked for before: ask again.")
-        self.lifecycle.stops.check_motion(robot.name)
+        if motion.moves:
+            self.lifecycle.stops.check_motion(robot.name)
         now_ns = time.time_ns()
         invocation = Invocation(
             id=str(uuid.uuid4()),
@@ -144,6 +148,7 @@ class Actions:
             facts=dict(motion.facts),
             lease=required_lease_id(robot) if motion.tied_to_lease else "",
             incarnation=motion.requested_at.incarnation,
+            moves=motion.motion.moves if isinstance(motion.motion, Act) else (),
         )
         invocation, is_new = await self._opening.create(invocation, caller)
         if not is_new:
@@ -152,7 +157,8 @@ class Actions:
         waited_ns += await self._check(invocation, motion, caller)
         if robot.lease != lease:
             await self._check_lease(invocation, caller)
-        self._check_stops(invocation)
+        if motion.moves:
+            self._check_stops(invocation)
         reply = await self._send(invocation, build_command(invocation.id, motion, waited_ns))
         if isinstance(reply, Refused):
             self.lifecycle.record_refusal(invocation, reply)
@@ -161,13 +167,13 @@ class Actions:
         return invocation
 
     async def _ready(self, motion: Motion, caller: Caller) -> int:
-        """Wait for the guards.
+        """Wait for the guards of what moves.
 
         Return the time in ns, by which the motion does not become stale; a stop still overrides it. It is 0 if this
         process was stalled meanwhile.
         """
         began_ns = time.monotonic_ns()
-        for guard in self._guards:
+        for guard in self._guards if motion.moves else ():
             await guard.wait_until_ready(motion.robot, caller.visible_robots)
         return self._stalls.elapsed_ns(began_ns)
 
@@ -213,7 +219,12 @@ class Actions:
             raise
 
     async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, Finding]:
-        """Return the finding of each guard. Raises MotionRefused."""
+        """Return the finding of each guard. Raises MotionRefused.
+
+        Guards know no path of an action of a component, so that they find nothing about one that moves something.
+        """
+        if isinstance(motion.motion, Act):
+            return {guard.finding_predicate: Finding(False) for guard in self._guards if motion.moves}
         return {
             guard.finding_predicate: await guard.check_path(motion, caller.visible_robots, own)
             for guard in self._guards
@@ -221,10 +232,11 @@ class Actions:
 
     def plan(self, request: ActionRequest, offer: Offer) -> Plan:
         """Let the handler of an offered action create its plan. Raises the handler's errors."""
-        handler = self.handlers.get(offer.definition.iri)
+        handler = offer.handler or self.handlers.get(offer.definition.iri)
         if handler is None:
             raise Unimplemented(f"No extension handles {offer.definition.iri.value}; Mount.handlers lacks it.")
-        return handler(request)
+        plan: Plan = handler(request)
+        return plan
 
     async def compute(self, plan: DeferredPlan) -> Motion:
         """Compute a plan in a thread; one at a time, so that clients share the processor.
@@ -246,7 +258,8 @@ class Actions:
     async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsal:
         """Return the effect that ``start`` would have. Raises the same errors."""
         robot, waited_ns = motion.robot, await self._ready(motion, caller)
-        self.lifecycle.stops.check_motion(robot.name)
+        if motion.moves:
+            self.lifecycle.stops.check_motion(robot.name)
         await self._opening.check(robot.name, caller, required_lease_id(robot) if motion.tied_to_lease else "")
         began_ns = time.monotonic_ns()
         findings = await self._findings(motion, caller, "")
@@ -261,7 +274,7 @@ class Actions:
         free = {predicate: finding.free for predicate, finding in findings.items()}
         return Rehearsal(reply.duration_s, reply.preempts, free, _unchecked(findings))
 
-    async def _send(self, invocation: Invocation, command: Command) -> Reply:
+    async def _send(self, invocation: Invocation, command: Command | Operate) -> Reply:
         try:
             with self.lifecycle.replicated_state.defer_end(invocation):
                 reply = await self._live.link.command(invocation.robot, command, ANSWER_TIMEOUT_S)

@@ -20,7 +20,7 @@ CORE_AT_ROOT = frozenset(
 """Segments below ``/`` that are resources of the fleet itself."""
 CORE_IN_ROBOT = frozenset(
     {"actions", "annotations", "blueprint", "invocations", "jointState", "lease", "linkset", "maximumSpeedScale"}
-    | {"pose", "subscriptions", "title", "twist"}
+    | {"pose", "subscriptions", "title", "twist", "vocabulary"}
 )
 """Segments below a robot that are resources of the robot itself."""
 

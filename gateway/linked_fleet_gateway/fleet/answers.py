@@ -4,7 +4,10 @@ import logging
 from collections import Counter
 from collections.abc import Collection
 
+from msgspec import structs
+
 from linked_fleet_agent.wire.codec import WireError, decode, decode_reply
+from linked_fleet_agent.wire.components import DescriptionWithComponents
 from linked_fleet_agent.wire.messages import Description, Reply
 
 
@@ -18,16 +21,23 @@ def read_reply(answer: bytes | str, id: str) -> tuple[Reply | None, str]:
     return (reply, "") if reply.id == id else (None, f"the answer is to command {reply.id[:64]!r}")
 
 
+class DescriptionAndComponents(Description, frozen=True, kw_only=True):
+    """The description of a robot, and the declarations of its components in JSON, which are not decoded."""
+
+    components: bytes = b"[]"
+
+
 def read_description(answer: bytes | str, robot: str, runs: Collection[int]) -> tuple[Description | None, str]:
     """Check a description. ``runs`` are the runs of the robot that have a presence token."""
     if isinstance(answer, str):
         return None, answer
     try:
-        said = decode(answer, Description)
+        said = decode(answer, DescriptionWithComponents)
     except WireError as error:
         return None, str(error)
     if said.robot == robot and said.incarnation in runs:
-        return said, ""
+        # A copy of the declarations, so that the answer, which has the URDF too, can be freed.
+        return DescriptionAndComponents(**{**structs.asdict(said), "components": bytes(said.components)}), ""
     return None, (
         f"the description is of robot {said.robot!r} in run {said.incarnation}, "
         f"but the presence token is of {robot!r} in run {max(runs, default=0)}"

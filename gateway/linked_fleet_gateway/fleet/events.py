@@ -8,9 +8,8 @@ almost nothing, and malformed, late or foreign frames never replace a good one.
 import struct
 import threading
 from collections import deque
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass, field
-from functools import partial
 
 from linked_fleet_agent.wire import messages
 from linked_fleet_agent.wire.codec import layout
@@ -70,11 +69,43 @@ Event = Appeared | Vanished | Described | DescriptionRejected | Framed | Conditi
 MAX_KEYS = 20_000
 MAX_TOKENS_OF_ONE = 64
 """Several times the number of runs that a robot has at once."""
-MAX_PROGRESS_OF_ONE = 512
+MAX_QUEUED_OF_ONE = 512
 """Twice what a correct agent repeats at once to a new gateway."""
-MAX_PROGRESS = 10_000
+MAX_QUEUED = 10_000
+MAX_QUEUED_BYTES = 32 * 1024 * 1024
 
 Payload = bytes | int  # of a payload that is too large only its size is kept
+
+
+class MessageQueue:
+    """Messages in the order of their arrival: at most ``MAX_QUEUED_OF_ONE`` of a key, of which later ones are dropped,
+    and ``MAX_QUEUED`` or ``MAX_QUEUED_BYTES`` in all, of which the oldest are.
+    """
+
+    def __init__(self) -> None:
+        self._messages = deque[tuple[str, Payload]]()
+        self._counts: dict[str, int] = {}
+        self._bytes = 0
+
+    def put(self, key: str, payload: Payload) -> None:
+        count = self._counts.get(key, 0)
+        if count >= MAX_QUEUED_OF_ONE:
+            return
+        self._counts[key] = count + 1
+        self._messages.append((key, payload))
+        self._bytes += _size(payload)
+        while len(self._messages) > MAX_QUEUED or self._bytes > MAX_QUEUED_BYTES:
+            self._bytes -= _size(self._messages.popleft()[1])
+
+    def __iter__(self) -> Iterator[tuple[str, Payload]]:
+        return iter(self._messages)
+
+    def __len__(self) -> int:
+        return len(self._messages)
+
+
+def _size(payload: Payload) -> int:
+    return len(payload) if isinstance(payload, bytes) else 0
 
 
 @dataclass
@@ -82,14 +113,14 @@ class Batch:
     """Messages since the last batch.
 
     ``presence`` by key (True: present), ``states``: by key the latest condition, and the latest frame that needs a full
-    check, ``progress`` in order. ``progress_counts`` by key, ``tokens`` the entries of ``presence`` by robot.
+    check, ``progress`` and messages about components in order. ``tokens`` are the entries of ``presence`` by robot.
     ``presence_lost`` says that some presence did not fit.
     """
 
     presence: dict[str, bool] = field(default_factory=dict)
     states: dict[str, Payload] = field(default_factory=dict)
-    progress: deque[tuple[str, Payload]] = field(default_factory=partial(deque, maxlen=MAX_PROGRESS))
-    progress_counts: dict[str, int] = field(default_factory=dict)
+    progress: MessageQueue = field(default_factory=MessageQueue)
+    of_components: MessageQueue = field(default_factory=MessageQueue)
     tokens: dict[str, int] = field(default_factory=dict)
     presence_lost: bool = False
 
@@ -123,9 +154,9 @@ class Inbox:
     """Filled by any thread and emptied by one reader, who is woken once per batch.
 
     Overflow policy: one presence and one state per key, the latest wins. New keys beyond ``MAX_KEYS`` are refused, and
-    so is presence of one robot beyond ``MAX_TOKENS_OF_ONE``; the reader is then told to list all tokens. Progress of
-    one key is dropped beyond ``MAX_PROGRESS_OF_ONE``, and the oldest beyond ``MAX_PROGRESS``. So no robot can suppress
-    others, and a batch is read in bounded time.
+    so is presence of one robot beyond ``MAX_TOKENS_OF_ONE``; the reader is then told to list all tokens. Progress,
+    and messages about components, wait in a ``MessageQueue`` each. So no robot can suppress others, and a batch is read
+    in bounded time.
     """
 
     def __init__(self, wake: Callable[[], object]) -> None:
@@ -153,10 +184,12 @@ class Inbox:
 
     def put_progress(self, key: str, payload: Payload) -> None:
         with self._lock:
-            told = self._batch.progress_counts.get(key, 0)
-            if told < MAX_PROGRESS_OF_ONE:
-                self._batch.progress_counts[key] = told + 1
-                self._batch.progress.append((key, payload))
+            self._batch.progress.put(key, payload)
+            self._reader.wake()
+
+    def put_of_components(self, key: str, payload: Payload) -> None:
+        with self._lock:
+            self._batch.of_components.put(key, payload)
             self._reader.wake()
 
     def take(self) -> Batch | None:

@@ -68,7 +68,8 @@ class Invocation:
     end was reported in time; a later report of the robot overrides this. ``unchecked`` are the links that the check of
     the motion did not cover, each after its path. ``operation`` is True for an action that is no motion: a gateway
     carries it out, with ``output`` (N-Triples about ``_:output``) as its result, until it ends or somebody asks to
-    cancel it, for the reason ``cancelling``.
+    cancel it, for the reason ``cancelling``. ``moves`` is what an action of a component moves, joints or ``base``;
+    ``feedback`` is the last one that it gave and ``outcome`` its result, both in JSON.
 
     ``robots`` has the answer of each robot to an invocation of the fleet: a word, which is a state or ``refused``,
     optionally followed by details, as in ``failed: the joint is blocked``. Any other word means that the robot has not
@@ -103,6 +104,14 @@ class Invocation:
     operation: bool = False
     output: str = ""
     cancelling: str = ""
+    moves: tuple[str, ...] = ()
+    feedback: str = ""
+    outcome: str = ""
+
+    @property
+    def is_motion(self) -> bool:
+        """True if it moves a robot."""
+        return self.stops is None and not self.operation and bool(self.targets or self.moves)
 
     @property
     def is_final(self) -> bool:
@@ -127,6 +136,7 @@ def merge_copies(held: Invocation, found: Invocation) -> Invocation:
         duration_s=other.duration_s if base.duration_s is None else base.duration_s,
         started_ns=base.started_ns or other.started_ns,
         preempts=base.preempts or other.preempts,
+        feedback=base.feedback or other.feedback,
         deadline_ns=max(base.deadline_ns, other.deadline_ns),
         cancelling=base.cancelling or other.cancelling,
     )

@@ -9,6 +9,8 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import fields
 from itertools import islice
 
+from msgspec import UNSET
+
 from linked_fleet_agent.wire.messages import Progress
 from linked_fleet_gateway.fleet.invocation import (
     FLEET,
@@ -51,7 +53,7 @@ class TargetIndex:
             if not held:
                 del joints[joint]
         if not joints:
-            (self._motions if invocation.stops is None else self._stops).pop(_run(invocation))
+            (self._motions if _has_targets(invocation) else self._stops).pop(_run(invocation))
         removed = self._removed_ns.setdefault(invocation.robot, {})
         for joint in joints_of(invocation) if invocation.accepted else ():
             removed[joint] = max(removed.get(joint, 0), invocation.created_ns)
@@ -90,13 +92,20 @@ class TargetIndex:
         return found
 
     def _of(self, invocation: Invocation) -> dict[str, list[Invocation]]:
-        index = self._motions if invocation.stops is None else self._stops
+        index = self._motions if _has_targets(invocation) else self._stops
         return index.setdefault(_run(invocation), {})
 
 
 def joints_of(invocation: Invocation) -> Iterable[str]:
     """Return the joints that it moves or stops; "" for all."""
-    return invocation.targets if invocation.stops is None else invocation.stops or ("",)
+    if invocation.stops is None:
+        return invocation.moves or invocation.targets
+    return invocation.stops or ("",)
+
+
+def _has_targets(invocation: Invocation) -> bool:
+    """Return True for a motion to known positions. An action of a component leaves its joints anywhere, as a stop."""
+    return invocation.stops is None and not invocation.moves
 
 
 def _begun(invocation: Invocation) -> int:
@@ -202,7 +211,7 @@ class Invocations:
     def last_motion_ns(self, robot: str) -> int | None:
         """Return the end of the last accepted motion of one robot (wall ns); None if none is stored."""
         for one in reversed(self._of_robot.get(robot, [])):
-            if one.stops is None and not one.operation and one.ended_ns is not None and one.accepted:
+            if one.is_motion and one.ended_ns is not None and one.accepted:
                 return one.ended_ns
         return None
 
@@ -346,6 +355,10 @@ def _advance(invocation: Invocation, progress: Progress) -> None:
     invocation.result = dict(progress.positions)
     invocation.progress = progress.progress
     invocation.preempted_by = progress.successor or invocation.preempted_by
+    if progress.feedback is not UNSET:
+        invocation.feedback = bytes(progress.feedback).decode()
+    if progress.result is not UNSET:
+        invocation.outcome = bytes(progress.result).decode()
 
 
 def _newest_first(invocations: Iterable[Invocation]) -> list[Invocation]:

@@ -1,9 +1,9 @@
 """One robot as the gateway knows it: presence, description and latest frame."""
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from linked_fleet_agent.urdf.facts import joint_mismatch
 from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout
@@ -63,6 +63,10 @@ class Robot:
         """The valid target positions of joints (rad or m)."""
         self.unchecked: tuple[UncheckedLink, ...] = ()
         """The links that checks of motions do not cover, once its shapes are prepared."""
+        self.parts: Mapping[str, Any] = {}
+        """What extensions have added beside joints and links, by path segment (``resources/part.py``)."""
+        self.findings: tuple[str, ...] = ()
+        """Sentences about parts that could not be taken."""
         self.stopped_ns = -1
         """The time of its last stop by this gateway (monotonic time of the agent)."""
         self._complain = complain
@@ -243,6 +247,10 @@ class Robot:
         self.agent_fault, self.sensor_faults = "", {}
         self.drop_frame()
         self._observations.clear()
+
+    def set_parts(self, parts: Mapping[str, Any], findings: Sequence[str]) -> None:
+        self.parts, self.findings = parts, tuple(findings)
+        self.count_change()
 
     def set_condition(self, condition: Condition) -> bool:
         """Store what the agent says about its robot. Return False if it says nothing new."""

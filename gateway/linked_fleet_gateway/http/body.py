@@ -15,11 +15,12 @@ from linked_fleet_gateway.http.scheduling import Offload
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.affordance import BODY_TYPES
+from linked_fleet_gateway.resources.form import DeclaredForm
 from linked_fleet_rdf.json_input import InputTooLargeError
 from linked_fleet_rdf.parsing import MAX_TRIPLES, ParseError, parse
 
 if TYPE_CHECKING:
-    from linked_fleet_gateway.resources.json_form import Form
+    from linked_fleet_gateway.resources.form import Form
 
 MAX_BODY_BYTES = 64 * 1024
 _CONTEXT = "https://w3id.org/linked-fleet/context"
@@ -73,7 +74,10 @@ def parse_form(
         return parse_body(body, media_type, iri, base, max_triples)
     from linked_fleet_gateway.resources.plain_json import parse_json_body
 
-    return parse_json_body(body, form(), iri, max_triples)
+    known = form()
+    if isinstance(known, DeclaredForm):
+        return known.read(body, iri, max_triples)
+    return parse_json_body(body, known, iri, max_triples)
 
 
 def _check_whole(request: Request) -> None:

@@ -27,10 +27,12 @@ from linked_fleet_gateway.http.request_events import RequestEvent, RequestEvents
 from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.http.writes import PatchReader
 from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_gateway.link.incoming import Hear, OfComponents
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.branches import Branch, RequestView
 from linked_fleet_gateway.resources.container import Container
 from linked_fleet_gateway.resources.html import HtmlWriter, NavigationEntry
+from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.runtime.table import MAX_RECORDS, StoredRecords, Table
@@ -162,6 +164,41 @@ class Core:
     def running(self, action: str) -> list[Invocation]:
         """Return the invocations of the action at a path that have not ended, at whichever gateway, newest first."""
         return self.live.invocations.open_of_action(action)
+
+    def hear_components(self, kind: OfComponents, listener: Hear) -> None:
+        """Call ``listener`` with the name of a robot and each message of its components of a kind, which it decodes.
+
+        Called before the gateway joins the fleet. A WireError that it raises is counted.
+        """
+        self.live.link.listeners[kind] = listener
+
+    def set_parts(self, robot: str, parts: Mapping[str, RobotPart], findings: Sequence[str] = ()) -> None:
+        """Replace the parts of a robot that are neither joints nor links, by path segment.
+
+        ``findings`` are sentences about parts that could not be taken, which the robot then shows.
+        """
+        self.live.set_parts(robot, parts, findings)
+
+    def mark_values_changed(self, robot: str, *paths: str) -> None:
+        """Tell the subscribers of resources of a robot that values in them have changed, which no frame has."""
+        self.live.fan_out.mark_values_changed(robot, *paths)
+
+    def reject(self, robot: str, reason: str) -> None:
+        """Count something that a robot said and that is refused."""
+        self.live.link.reject(robot, reason)
+
+    @contextmanager
+    def listening_to_descriptions(
+        self, described: Callable[[str], None], removed: Callable[[str], None]
+    ) -> Iterator[None]:
+        """Call ``described`` with the name of each robot that has described itself, also anew after it was away, and
+        ``removed`` with that of one that was removed, while the context lasts.
+        """
+        self.live.on_described[described] = self.live.on_removed[removed] = None
+        try:
+            yield
+        finally:
+            del self.live.on_described[described], self.live.on_removed[removed]
 
     async def cancel(self, invocation: str, reason: str) -> bool:
         """Cancel the invocation with this id, at whichever gateway. Return False if it has ended, or is not known.

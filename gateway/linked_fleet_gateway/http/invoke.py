@@ -55,7 +55,7 @@ from linked_fleet_gateway.runtime.log import child_span, current_trace
 from linked_fleet_gateway.subscriptions.live import Live
 
 if TYPE_CHECKING:
-    from linked_fleet_gateway.resources.json_form import Form
+    from linked_fleet_gateway.resources.form import Form
 
 # a trajectory of seven joints at about two hundred times
 MAX_BODY_BYTES = 256 * 1024
@@ -77,10 +77,19 @@ async def invoke(request: Request, affordance: Invoke) -> Response:
         return await _halt(request, offer)
     moment, prefer = robot_time(offer.robot), _prefer(request, offer)
     admitted = _Admitted(b"", empty_body(offer, request.base), "")
-    if offer.takes_body:
+    if offer.takes_body and not (offer.body_is_optional and _has_no_body(request)):
         read = partial(_read_input, offer, body_type(request, FORM_TYPES), request.base)
         admitted = await convert_body(request, read, MAX_BODY_BYTES)
     return await _carry_out(request, offer, admitted, moment, prefer)
+
+
+def _has_no_body(request: Request) -> bool:
+    fields = request.arrival.fields
+    return (
+        b"content-type" not in fields
+        and b"transfer-encoding" not in fields
+        and not int(fields.get(b"content-length", b"0") or b"0")
+    )
 
 
 async def put_target(request: Request, affordance: PutTarget) -> Response:
@@ -188,9 +197,12 @@ def _read_target(
         raise UnprocessableContent(f"The body has {len(values)} values of lf:value; one is put.", constraint=iri)
     (value,) = values
     action, about = NamedNode(base + offer.path), reachable_statements(triples, value)  # type: ignore[arg-type]
+    if offer.takes_value:
+        about = [*about, *(each for each in triples if each.subject == focus and each.predicate == LF.value)]
     others = set(unused_statements(triples, focus, _TARGET, seen)).difference(about)
     refuse_statements([triple for triple in triples if triple in others], f"{iri}/blueprint")
-    moved = [Triple(action if t.subject == value else t.subject, t.predicate, t.object) for t in about]
+    root = focus if offer.takes_value else value
+    moved = [Triple(action if t.subject == root else t.subject, t.predicate, t.object) for t in about]
     return _admitted(offer, content, moved, base)
 
 

@@ -46,7 +46,7 @@ from linked_fleet_gateway.resources.paths import lease_path, robot_path
 from linked_fleet_gateway.resources.resource import Resource
 
 if TYPE_CHECKING:
-    from linked_fleet_gateway.resources.json_form import Form
+    from linked_fleet_gateway.resources.form import Form
 
 
 MAX_PATCH_BYTES = 32 * 1024

@@ -10,6 +10,7 @@ from collections.abc import Awaitable, Callable, Collection, Iterable
 from typing import Literal, Self, TypeVar
 
 from linked_fleet_agent.wire.codec import encode
+from linked_fleet_agent.wire.components import Operate
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import (
     Accepted,
@@ -24,7 +25,7 @@ from linked_fleet_gateway.fleet.events import Event, Frames
 from linked_fleet_gateway.fleet.presence import PresenceCheck, Token
 from linked_fleet_gateway.link.discovery import Discovery, Judge
 from linked_fleet_gateway.link.heartbeat import Heartbeat
-from linked_fleet_gateway.link.incoming import Incoming
+from linked_fleet_gateway.link.incoming import Hear, Incoming, OfComponents
 from linked_fleet_gateway.link.long_replies import LongReplies
 from linked_fleet_gateway.link.transport import Question, Session, TransportError, ask
 from linked_fleet_gateway.runtime.log import child_span
@@ -71,6 +72,8 @@ class FleetLink:
         self._on_events = on_events
         self._on_progress = on_progress
         self._listens = False
+        self.listeners: dict[OfComponents, Hear] = {}
+        """Who hears the messages about components. Filled before ``join``."""
 
     @property
     def is_connected(self) -> bool:
@@ -92,7 +95,9 @@ class FleetLink:
             self._ask_description, self._list_tokens, self._on_events, lambda: self._heartbeat.send_now(),
             lambda: self._session.redeclare(),
         )  # fmt: skip
-        self._incoming = Incoming(self._keys, self._frames, self._discovery, self._on_events, self._on_progress)
+        self._incoming = Incoming(
+            self._keys, self._frames, self._discovery, self._on_events, self._on_progress, self.listeners
+        )
         self._session = await self._open_session()
         self._long_replies = LongReplies(self._session)
         self._heartbeat = Heartbeat(self._session, self._keys.heartbeat(self._gateway_name))
@@ -126,8 +131,14 @@ class FleetLink:
         except TransportError as error:
             _log.warning("the Zenoh session did not close cleanly: %s", error)
 
-    async def command(self, robot: str, command: Command, timeout_s: float) -> Reply:
-        """Send a command and return the agent's reply. Raises NoAnswer if none arrives within ``timeout_s``.
+    def reject(self, robot: str, reason: object) -> None:
+        """Count something that a robot said and that is refused."""
+        self._incoming.complaints.add(robot, reason)
+
+    async def command(self, robot: str, command: Command | Operate, timeout_s: float) -> Reply:
+        """Send a command, or a request to a component, and return the agent's reply.
+
+        Raises NoAnswer if none arrives within ``timeout_s``.
 
         A command that reached nobody is sent once more after ``ASK_AGAIN_S``, because an agent that renews its
         declarations has no queryable for a moment. An agent executes a command once, however often it arrives.
@@ -162,7 +173,7 @@ class FleetLink:
         with child_span("send command", is_client=True, **about) as span:
             traceparent = None if span is None else span.traceparent
             try:
-                key = self._keys.robot(robot, "command")
+                key = self._keys.robot(robot, "command" if isinstance(command, Command) else "operate")
                 question = Question(
                     key, encode(command), timeout_s, MAX_REPLY_BYTES, blocking=False, traceparent=traceparent
                 )
@@ -256,8 +267,8 @@ class FleetLink:
     async def ask_agent(
         self,
         robot: str,
-        kind: Literal["mesh", "picture"],
-        payload: bytes,
+        kind: Literal["mesh", "picture", "values"],
+        payload: bytes | None,
         most_bytes: int,
         timeout_s: float,
         read: Callable[[bytes | str], tuple[T | None, str]],

@@ -1,9 +1,10 @@
-"""Hand-over of presence, frames and progress from the session's threads to the event loop."""
+"""Hand-over of presence, frames, progress and other messages from the session's threads to the event loop."""
 
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from typing import Literal
 
 from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.keys import Keys, RobotKey
@@ -16,11 +17,17 @@ from linked_fleet_gateway.runtime.background import TURN_S, Turns
 
 _log = logging.getLogger(__name__)
 
-MAX_STATE_BYTES = MAX_PROGRESS_BYTES = MAX_CONDITION_BYTES = 65_536
+MAX_STATE_BYTES = MAX_CONDITION_BYTES = MAX_EVENT_BYTES = 65_536
+MAX_PROGRESS_BYTES = MAX_VALUES_BYTES = 320 * 1024
+"""A result, or all values of a robot, and what is around them."""
+OfComponents = Literal["values", "event"]
+Hear = Callable[[str, bytes], None]
+"""Gets the name of a robot and a message that is not decoded. Raises WireError, which is counted."""
 
 
 class Incoming:
-    """Calls ``discovery``, ``on_events`` and ``on_progress`` on the event loop, in turns of a few milliseconds.
+    """Calls ``discovery``, ``on_events``, ``on_progress`` and ``listeners`` on the event loop, in turns of a few
+    milliseconds.
 
     Frames that ``frames`` stores cause no event.
     """
@@ -32,12 +39,14 @@ class Incoming:
         discovery: Discovery,
         on_events: Callable[[list[Event]], None],
         on_progress: Callable[[str, Progress], None],
+        listeners: Mapping[OfComponents, Hear],
     ) -> None:
         self._keys = keys
         self._frames = frames
         self._discovery = discovery
         self._on_events = on_events
         self._on_progress = on_progress
+        self._listeners = listeners
         self._inbox = Inbox(Turns(self._work).waker())
         self._steps: Iterator[Callable[[], None]] = iter(())
         self.complaints = RejectedMessages(_log)
@@ -46,6 +55,9 @@ class Incoming:
         """Subscribe to frames first and to tokens last, so that no frame of a visible robot is missed."""
         await session.subscribe_frames(self._keys.all_states, MAX_STATE_BYTES, self._hear_state)
         await session.subscribe(self._keys.all_progress, MAX_PROGRESS_BYTES, self._inbox.put_progress)
+        for kind, most in (("values", MAX_VALUES_BYTES), ("event", MAX_EVENT_BYTES)):
+            if kind in self._listeners:
+                await session.subscribe(self._keys.all_of_kind(kind), most, self._inbox.put_of_components)
         await session.subscribe(self._keys.all_conditions, MAX_CONDITION_BYTES, self._inbox.put_state)
         await session.subscribe_tokens(self._keys.all_presence, self._inbox.put_presence)
 
@@ -91,6 +103,8 @@ class Incoming:
             yield partial(self._framed, key, payload)
         for key, payload in batch.progress:
             yield partial(self._progressed, key, payload)
+        for key, payload in batch.of_components:
+            yield partial(self._heard, key, payload)
 
     def _token(self, key: str, present: bool) -> None:
         robot = self.parse(key)
@@ -116,6 +130,18 @@ class Incoming:
             self.complaints.add(robot, error)
         else:
             self._on_events([Conditioned(robot, said)])
+
+    def _heard(self, key: str, payload: Payload) -> None:
+        robot = self.parse(key)
+        if robot is None:
+            return
+        if not isinstance(payload, bytes):
+            self._too_large(robot.robot, payload)
+            return
+        try:
+            self._listeners[robot.kind](robot.robot, payload)  # type: ignore[index]
+        except WireError as error:
+            self.complaints.add(robot.robot, error)
 
     def _too_large(self, sender: str, size: Payload) -> None:
         self.complaints.add(sender, f"a payload of {size!r} bytes, which is too large")

@@ -124,8 +124,8 @@ LF = Namespace(
     " version previousVersion eventId"
     # predicates: quantities
     " value translation displacement translationAxis velocity effort limits lowerLimit upperLimit velocityLimit"
-    " effortLimit damping pose twist mass centreOfMass inertia mimic mimicsJoint multiplier offset jointState sample"
-    " position positionUnit velocityUnit effortUnit orientation origin frame w linear angular"
+    " effortLimit arrivalTolerance damping pose twist mass centreOfMass inertia mimic mimicsJoint multiplier offset"
+    " jointState sample position positionUnit velocityUnit effortUnit orientation origin frame w linear angular"
     " ixx ixy ixz iyy iyz izz"
     # predicates: the binary frame (desideratum D5)
     " frameLayout fieldName fieldType byteOffset valueCount field byteOrder byteSize ofProperty valuePath",

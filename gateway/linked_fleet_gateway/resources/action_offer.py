@@ -9,16 +9,19 @@ from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, islice
+from typing import Any
 
-from pyoxigraph import Literal, NamedNode
+from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.shapes import ACTIONS, add_closure, copy_shape, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDF, RDFS, SH
 from linked_fleet_gateway.resources.annotations import named_poses
+from linked_fleet_gateway.resources.form import Form
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.joint_limits import JointLimits, limits_of
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
@@ -158,9 +161,40 @@ class Offer:
         part = self.joint.name if self.joint else self.robot.name if self.robot else self.label or "the fleet"
         return f"{self.definition.title}: {part}"
 
+    handler: Callable[[Any], Any] | None = None
+    """Its handler, if the action has one of its own beside those of its kind."""
+
     @property
     def methods(self) -> tuple[str, ...]:
         return self.definition.method_names
+
+    @property
+    def needs(self) -> tuple[Right, ...]:
+        """The rights, one of which invoking it needs."""
+        return (Right.STOP,) if self.is_stop else (Right.ACT,)
+
+    @property
+    def declared_by(self) -> str:
+        """The path of the thing, if its robot has declared the action itself."""
+        return ""
+
+    @property
+    def body_is_optional(self) -> bool:
+        """True if it also runs without a body."""
+        return False
+
+    @property
+    def takes_value(self) -> bool:
+        """True if its body is the ``lf:value`` of the property that it sets."""
+        return False
+
+    def input_form(self, base: str) -> Form | None:
+        """Return the form of its body, if that is not the form of its shape."""
+        return None
+
+    def read_body(self, triples: Sequence[Triple], base: str) -> Any:
+        """Validate a body and return its typed form, if it does so itself; else None. Raises UnprocessableContent."""
+        return None
 
     @property
     def takes_body(self) -> bool:
@@ -245,13 +279,15 @@ class Offer:
         add_closure(graph, self.definition.produces)
 
 
-def offers_at(robot: Robot | None, part: Joint | Link | None = None) -> list[Offer]:
-    """Return the actions of the fleet (None), of a robot, or of its joint; a link has none."""
+def offers_at(robot: Robot | None, part: Any = None) -> list[Offer]:
+    """Return the actions of the fleet (None), of a robot, or of its joint or other part; a link has none."""
     if robot is None:
         return fleet_offers()
     if part is None:
         return robot_offers(robot)
-    return joint_offers(robot, part) if isinstance(part, Joint) else []
+    if isinstance(part, Joint):
+        return joint_offers(robot, part)
+    return [] if isinstance(part, Link) else list(part.offers.values())
 
 
 def joint_offers(robot: Robot, joint: Joint, segment: str | None = None) -> list[Offer]:

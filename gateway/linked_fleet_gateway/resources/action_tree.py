@@ -1,13 +1,15 @@
 """The part of the tree below the actions of a thing: actions, shapes of their results, and invocations."""
 
+import json
 from collections.abc import Sequence
 from functools import partial
 
-from pyoxigraph import Literal
+from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.action_offer import Offer
@@ -20,6 +22,8 @@ from linked_fleet_gateway.resources.invocation import (
     describe_invocations,
     invocation_path,
 )
+from linked_fleet_gateway.resources.part import RobotPart, parts_of
+from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
@@ -52,6 +56,8 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         others = {id: other for id in ids if (other := invocations.get(id)) is not None}
         answers, unchecked = invocations.answers(invocation), invocations.unchecked(invocation)
         describe_invocation(graph, base, robot, invocation, others, answers, unchecked)
+        if robot is not None and (part := _part_of(robot, invocation)) is not None:
+            part.describe_outcome(graph, NamedNode(base + path), base, invocation)
 
     path = invocation_path(invocation)
     resource = Resource(
@@ -62,7 +68,16 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         own_paths=(path + "/blueprint", *(() if invocation.state.terminal else (cancel_path(invocation),))),
         affords=EndInvocation(invocation, keep_record=False),
     )
-    return add_plain_json(resource, LF.InvocationShape, base)
+    resource = add_plain_json(resource, LF.InvocationShape, base)
+    part = None if robot is None else _part_of(robot, invocation)
+    if part is None or not (invocation.outcome or invocation.feedback):
+        return resource
+    write = resource.documents[JSON]
+
+    def with_outcome() -> bytes:
+        return json.dumps(json.loads(write()) | part.outcome_json(invocation), ensure_ascii=False).encode()
+
+    return resource.replace(documents={**resource.documents, JSON: with_outcome})
 
 
 def _facts(invocation: Invocation) -> tuple[object, ...]:
@@ -76,7 +91,15 @@ def _facts(invocation: Invocation) -> tuple[object, ...]:
         invocation.preempted_by,
         list(invocation.robots.items()),
         invocation.unchecked,
+        invocation.feedback,
+        invocation.outcome,
     )
+
+
+def _part_of(robot: Robot, invocation: Invocation) -> RobotPart | None:
+    """Return the part of a robot whose action it is, if that is neither joint nor link."""
+    segment = invocation.action.removeprefix(robot_path(robot.name)).partition("/actions/")[0]
+    return parts_of(robot).get(segment)
 
 
 def _action(offer: Offer, source: Source, base: str) -> Resource:
@@ -104,6 +127,11 @@ def _description(offer: Offer, base: str) -> Describe:
     )
 
 
+def _kind_of(offer: Offer) -> tuple[NamedNode, str, str]:
+    """Return what offers have in common that differ in their things alone."""
+    return offer.definition.iri, offer.definition.segment, offer.declared_by
+
+
 def _result(offer: Offer, source: Source, base: str) -> Resource:
     title = offer.result_title()
 
@@ -113,7 +141,7 @@ def _result(offer: Offer, source: Source, base: str) -> Resource:
     return Resource(
         offer.path + "/produceshape",
         f"Shape of what {offer.name} produces",
-        DescriptionTemplate((offer.definition.iri, "result"), offer.thing, describe, lambda: (title,)),
+        DescriptionTemplate((*_kind_of(offer), "result"), offer.thing, describe, lambda: (title,)),
         source=source,
     )
 
@@ -124,7 +152,7 @@ def _invocations(offer: Offer, invocations: InvocationsInView, base: str) -> Res
     def describe(graph: Graph, thing: str = offer.thing, _: object = ()) -> None:
         describe_invocations(graph, base, offer.path_at(thing), offer.robot, members)
 
-    alike = DescriptionTemplate((offer.definition.iri, "no invocations"), offer.thing, describe)
+    alike = DescriptionTemplate((*_kind_of(offer), "no invocations"), offer.thing, describe)
     return Resource(
         offer.path + "/invocations",
         f"Invocations of {offer.name}",

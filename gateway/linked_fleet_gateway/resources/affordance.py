@@ -101,7 +101,7 @@ class Invoke(_Writes):
 
     @property
     def needs(self) -> tuple[Right, ...]:
-        return (Right.STOP,) if self.offer.is_stop else (Right.ACT,)
+        return self.offer.needs
 
     @property
     def honours(self) -> Honours:

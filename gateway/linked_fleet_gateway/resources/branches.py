@@ -16,6 +16,7 @@ from linked_fleet_gateway.fleet.model import Joint, Link, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import Identity, Right, View
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
+from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Redirect, Rendition, Resource, TypedLink
 
@@ -99,13 +100,13 @@ class PropertyBranch:
 
 @dataclass(frozen=True)
 class ThingDocument:
-    """A further representation of the fleet, robots, joints and links that contains no measured values.
+    """A further representation of the fleet, robots and their parts that contains no measured values.
 
-    ``write`` gets the robot (None for the fleet), and its joint or link (None for the robot itself).
+    ``write`` gets the robot (None for the fleet), and its part (None for the robot itself).
     """
 
     media_type: str
-    write: Callable[[RequestView, Robot | None, Joint | Link | None], bytes]
+    write: Callable[[RequestView, Robot | None, Joint | Link | RobotPart | None], bytes]
 
 
 Branch = FleetBranch | RobotBranch | PropertyBranch | ThingDocument
@@ -130,7 +131,7 @@ class Branches:
         )
 
     def thing_documents(
-        self, view: RequestView, robot: Robot | None = None, part: Joint | Link | None = None
+        self, view: RequestView, robot: Robot | None = None, part: Joint | Link | RobotPart | None = None
     ) -> dict[str, Callable[[], bytes]]:
         """Return the further representations of a thing by media type."""
         return {

@@ -17,6 +17,7 @@ from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joi
 from linked_fleet_gateway.resources.annotations import annotate
 from linked_fleet_gateway.resources.invocation import describe_unchecked, unchecked_links
 from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.part import RobotPart, parts_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
 from linked_fleet_gateway.resources.property import Measurement, Property, added_link_statements
@@ -130,7 +131,7 @@ class Describer:
             return
         describe_unchecked(graph, iri, self.base, unchecked_links(robot))
         self._model_name(graph, iri, robot)
-        graph.add(iri, LF.finding, *map(Literal, _all_findings(robot.model)))
+        graph.add(iri, LF.finding, *map(Literal, (*_all_findings(robot.model), *robot.findings)))
         graph.add(iri, LF.baseMobility, Literal(robot.description.base))
         graph.add(iri, LF.rootLink, self.iri(link_path(robot.name, robot.model, robot.model.root)))
         graph.add(iri, DCTERMS.hasPart, *(self.iri(part) for part in part_paths(robot)))
@@ -139,6 +140,8 @@ class Describer:
             self._introduce_joint(graph, robot, joint)
         for link in robot.model.links.values():
             self._introduce_link(graph, robot, link.name)
+        for part in parts_of(robot).values():
+            self._introduce_part(graph, part)
 
     def joint(
         self, robot: Robot, joint: Joint, graph: Graph, measurements: Sequence[Measurement] | None = None
@@ -194,6 +197,27 @@ class Describer:
         self._properties(graph, path, link_properties(robot, link), measurements)
         for name in (*parents, *link.child_joints):
             self._introduce_joint(graph, robot, robot.model.joints[name])
+
+    def part(
+        self,
+        part: RobotPart,
+        items: Sequence[Property],
+        graph: Graph,
+        measurements: Sequence[Measurement] | None = None,
+    ) -> None:
+        """Describe another part with its properties; ``measurements`` as for joints."""
+        iri, robot = self.iri(part.path), part.robot
+        self._introduce_part(graph, part)
+        graph.add(iri, HYBRIT.blueprint, *part.shapes)
+        graph.add(iri, HYBRIT.blueprint, NamedNode(iri.value + "/blueprint"))
+        graph.add(iri, HYBRIT.subscriptions, NamedNode(iri.value + "/subscriptions"))
+        self._actions(graph, iri, part.offers.values())
+        graph.add(iri, RDFS.seeAlso, self.iri(robot_path(robot.name)))
+        graph.add(iri, DCTERMS.isPartOf, self.iri(robot_path(robot.name)))
+        self._presence_if_not_online(graph, iri, robot)
+        self._annotations(graph, iri, robot)
+        part.describe(graph, iri, self.base)
+        self._properties(graph, part.path, items, measurements)
 
     def property(self, robot: Robot, owner: str, item: Property, graph: Graph, measurement: Measurement) -> None:
         """Describe a property as a small document of its own (Figure 3)."""
@@ -255,6 +279,7 @@ class Describer:
         graph.add(iri, DCTERMS.title, Literal(item.title))
         graph.add(iri, RDFS.seeAlso, owner)
         graph.add(iri, HYBRIT.blueprint, item.shape, NamedNode(iri.value + "/blueprint"))
+        graph.add(iri, HYBRIT.consumes, *item.inputs)
         item.describe(graph, iri, seen)
 
     def _introduce_joint(self, graph: Graph, robot: Robot, joint: Joint) -> None:
@@ -267,6 +292,12 @@ class Describer:
         iri = self.iri(link_path(robot.name, robot.model, link))
         graph.a(iri, HYBRIT.RoboticThing, ROS.Link)
         graph.add(iri, DCTERMS.title, Literal(link))
+
+    def _introduce_part(self, graph: Graph, part: RobotPart) -> None:
+        iri = self.iri(part.path)
+        graph.a(iri, HYBRIT.RoboticThing, *part.types)
+        graph.add(iri, DCTERMS.title, Literal(part.title))
+        graph.add(iri, DCTERMS.identifier, Literal(part.name))
 
     def _annotations(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
         annotate(graph, iri, robot.annotations, self.base + robot_path(robot.name))
@@ -295,8 +326,9 @@ def _moment(second: int | None) -> Observation:
 
 
 def part_paths(robot: Robot) -> list[str]:
-    """Return the paths of all joints and links, in URDF order."""
+    """Return the paths of all joints and links, in URDF order, and of its other parts."""
     if robot.model is None:
         return []
     joints = [joint_path(robot.name, name) for name in robot.model.joints]
-    return joints + [link_path(robot.name, robot.model, name) for name in robot.model.links]
+    links = [link_path(robot.name, robot.model, name) for name in robot.model.links]
+    return [*joints, *links, *(part.path for part in parts_of(robot).values())]

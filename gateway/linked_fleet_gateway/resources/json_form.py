@@ -10,10 +10,7 @@ one says how values are served and accepted as JSON, in a package that must not 
 """
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import chain
-from typing import Any
 
 from pyoxigraph import Literal, NamedNode, Triple
 
@@ -23,9 +20,9 @@ from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, RDF, SH, XSD
 from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.form import Field, Form, Json, Value
 from linked_fleet_gateway.resources.settable import describe_target_input
 
-Json = dict[str, Any]
 _LIMITS = {
     SH.minInclusive: "minimum",
     SH.maxInclusive: "maximum",
@@ -44,80 +41,6 @@ _TYPES: dict[NamedNode, Json] = {
 }
 
 
-@dataclass(frozen=True)
-class Value:
-    """The form of one value of a property: an object if there is a ``form``, else a scalar."""
-
-    scalar: Json = field(default_factory=dict)
-    form: "Form | None" = None
-    terms: Mapping[str, Term] = field(default_factory=dict)
-    """The terms of an enumeration by their JSON texts."""
-    nullable: bool = False
-    """True if it may be ``null``, which means ``lf:unknown``."""
-
-    @property
-    def is_iri(self) -> bool:
-        return self.scalar.get("format") == "uri"
-
-    def schema(self) -> Json:
-        known = self.form.schema if self.form is not None else self.scalar
-        return {"oneOf": [known, {"type": "null"}]} if self.nullable else known
-
-
-@dataclass(frozen=True)
-class Field:
-    """One member of an object: its path from the node, and the form of its values."""
-
-    name: str
-    path: tuple[NamedNode, ...]
-    value: Value
-    min_count: int = 0
-    max_count: int | None = None
-    description: str = ""
-
-    @property
-    def is_single(self) -> bool:
-        return self.max_count == 1
-
-    def schema(self) -> Json:
-        one = self.value.schema()
-        if self.is_single:
-            schema = dict(one)
-        else:
-            schema = {"type": "array", "items": one}
-            schema |= {"minItems": self.min_count} if self.min_count else {}
-            schema |= {} if self.max_count is None else {"maxItems": self.max_count}
-        return schema | ({"description": self.description} if self.description else {})
-
-
-@dataclass(frozen=True)
-class Form:
-    """A node as a JSON object; if there are ``branches``, one of them must hold too."""
-
-    fields: tuple[Field, ...] = ()
-    branches: tuple["Form", ...] = ()
-
-    @cached_property
-    def by_name(self) -> Mapping[str, Field]:
-        return {each.name: each for each in self.fields}
-
-    def with_choice(self, name: str, predicate: NamedNode, terms: Mapping[str, NamedNode], description: str) -> "Form":
-        """Return the form with one more optional member, whose value is one of these terms by their JSON texts."""
-        value = Value({"type": "string", "enum": list(terms)}, terms=terms)
-        member = Field(name, (predicate,), value, max_count=1, description=description)
-        return Form((*self.fields, member), self.branches)
-
-    @cached_property
-    def schema(self) -> Json:
-        schema: Json = {"type": "object", "properties": {each.name: each.schema() for each in self.fields}}
-        required = [each.name for each in self.fields if each.min_count]
-        if required:
-            schema["required"] = required
-        if self.branches:
-            schema["oneOf"] = [{"properties": branch.schema["properties"]} for branch in self.branches]
-        return schema
-
-
 def form_of(shape: NamedNode) -> Form:
     """Return the form of a shape in shapes/linked_fleet_shapes/blueprints.ttl or in the shapes of an extension."""
     return present().derived(("form", shape), lambda: _form_of(shape))
@@ -132,6 +55,8 @@ _INPUTS = RobotCache[Form]()
 
 def form_of_input(offer: Offer, base: str) -> Form:
     """Return the form of an action's input, with the limits of the thing that offers it."""
+    if (declared := offer.input_form(base)) is not None:
+        return declared
     robot = offer.robot
     joints = () if robot is None or robot.description is None else robot.description.joints
     known = None if robot is None else (robot.model, joints, robot.annotations)
@@ -145,7 +70,9 @@ def _form_of_input(offer: Offer, base: str) -> Form:
 
 
 def form_of_target(offer: Offer, base: str) -> Form:
-    """Return the form of the target property of the joint that ``offer`` moves."""
+    """Return the form of the body of PUT that invokes ``offer``, such as the target property of a joint."""
+    if (declared := offer.input_form(base)) is not None:
+        return declared
     graph, iri = Graph(), NamedNode(base + offer.path)
     describe_target_input(graph, iri, offer, base)
     return form_in(graph.triples, iri)

@@ -2,13 +2,16 @@
 
 from collections.abc import Mapping
 from functools import lru_cache
+from typing import Any
 
 from linked_fleet_agent.wire.keys import escape, unescape
 from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
+from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 
 _LINK_MARK = "~link"  # no escape, because "~l" is not followed by hexadecimal digits; so it cannot be part of a name
+
+_PART_MARK = "~part"  # likewise
 
 # A robot has over a hundred parts, each named in every description of it, and a fleet names all robots in turn. A cache
 # too small for all of them would never hit.
@@ -69,8 +72,14 @@ def link_path(robot: str, model: RobotModel, link: str) -> str:
     return robot_path(robot) + _segment(link, present().in_robot) + (_LINK_MARK if link in model.joints else "")
 
 
+def part_path(robot: str, model: RobotModel, part: str) -> str:
+    """Return the path of a part that is neither joint nor link. One that shares its name with them gets a mark."""
+    shared = part in model.joints or part in model.links
+    return robot_path(robot) + _segment(part, present().in_robot) + (_PART_MARK if shared else "")
+
+
 def owner_path(path: str) -> str:
-    """Return the path of the fleet, robot, joint or link at or above the existing resource at ``path``."""
+    """Return the path of the fleet, robot, or part of a robot at or above the existing resource at ``path``."""
     robot, *rest = path[1:].split("/")
     if not rest or robot in present().at_root:
         return "/"
@@ -82,8 +91,10 @@ def is_below(path: str, root: str) -> bool:
     return path == root or path.startswith(root.rstrip("/") + "/")
 
 
-def thing_at(path: str, robots: Mapping[str, Robot]) -> tuple[Robot, Joint | Link | None] | None:
-    """Return the robot at a path, or the robot and its joint or link at a path; None if neither is there."""
+def thing_at(path: str, robots: Mapping[str, Robot]) -> tuple[Robot, Any] | None:
+    """Return the robot at a path, or the robot and its part at a path: a joint, link or ``Part``; None if neither is
+    there.
+    """
     head, _, part = path[1:].partition("/")
     try:
         robot = robots.get(robot_name(head))
@@ -91,6 +102,8 @@ def thing_at(path: str, robots: Mapping[str, Robot]) -> tuple[Robot, Joint | Lin
             return None
         if not part or robot.model is None:
             return (robot, None) if path.endswith("/") else None
+        if (added := robot.parts.get(part)) is not None:
+            return robot, added
         joint, link = joint_or_link(part, robot.model)
     except ValueError:
         return None

@@ -15,7 +15,8 @@ from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, Unproc
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, XSD
-from linked_fleet_gateway.resources.json_form import Field, Form, Json, Value, form_of
+from linked_fleet_gateway.resources.form import Field, Form, Json, Value
+from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_rdf.json_input import ParseError, load_json
 from linked_fleet_rdf.parsing import MAX_LENGTH

@@ -34,6 +34,7 @@ from linked_fleet_gateway.resources.joint_kinds import (
     VELOCITY_RESOLUTION,
     kind_of,
 )
+from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.property import Measurement, Property, Sampler, added_robot_properties
 from linked_fleet_gateway.resources.settable import (
@@ -113,7 +114,7 @@ def joint_properties(robot: Robot, joint: Joint, segment: str | None = None) -> 
             "effort": lambda: _measured(
                 "effort", LF.effort, joint, _sampler(robot, joint, "efforts"), dimension.effort
             ),
-            "limits": lambda: _limits(joint, dimension),
+            "limits": lambda: _limits(robot, joint, dimension),
             "friction": lambda: scalar(
                 "friction", ROS.friction, f"static friction of {name}", joint.friction, dimension.effort
             ),
@@ -168,13 +169,15 @@ def link_properties(robot: Robot, link: Link, segment: str | None = None) -> lis
     return _made(makers, segment)
 
 
-def properties_at(base: str, robot: Robot | None, part: Joint | Link | None = None) -> list[Property]:
-    """Return the properties of a robot, or of its joint or link, under a base URL; the fleet (None) has none."""
+def properties_at(base: str, robot: Robot | None, part: Joint | Link | RobotPart | None = None) -> list[Property]:
+    """Return the properties of a robot, or of a part of it, under a base URL; the fleet (None) has none."""
     if robot is None or robot.model is None:
         return []
     if part is None:
         return robot_properties(robot, lambda path: NamedNode(base + path))
-    return joint_properties(robot, part) if isinstance(part, Joint) else link_properties(robot, part)
+    if isinstance(part, Joint):
+        return joint_properties(robot, part)
+    return link_properties(robot, part) if isinstance(part, Link) else list(part.properties(base))
 
 
 def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[Property]:
@@ -231,16 +234,21 @@ def _translation(robot: Robot, joint: Joint) -> Property:
     return Property("translation", LF.translation, (LF.Translation,), LF.TranslationShape, title, describe, sampler)
 
 
-def _limits(joint: Joint, dimension: Dimension) -> Property:
+def _limits(robot: Robot, joint: Joint, dimension: Dimension) -> Property:
     limits = joint.limits
+
+    def tolerance() -> float | None:
+        return None if robot.description is None else robot.description.tolerances.get(joint.name)
 
     def describe(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         graph.scalar(iri, LF.lowerLimit, limits.lower, dimension.position)
         graph.scalar(iri, LF.upperLimit, limits.upper, dimension.position)
         graph.scalar(iri, LF.velocityLimit, limits.velocity, dimension.velocity)
         graph.scalar(iri, LF.effortLimit, limits.effort, dimension.effort)
+        graph.scalar(iri, LF.arrivalTolerance, tolerance(), dimension.position)
 
-    return Property("limits", LF.limits, (LF.Limits,), LF.LimitsShape, f"limits of {joint.name}", describe)
+    title = f"limits of {joint.name}"
+    return Property("limits", LF.limits, (LF.Limits,), LF.LimitsShape, title, describe, facts=tolerance)
 
 
 def _reference_frame(robot: Robot, joint: Joint) -> Property:

@@ -14,6 +14,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Number
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.body_values import Setting
+from linked_fleet_gateway.resources.form import Form
 
 
 class Measurement(NamedTuple):
@@ -57,10 +58,28 @@ class Property(Struct, frozen=True):
     sample: Sampler = tuple
     facts: Callable[[], object] = tuple
     put: Setting | Offer | None = None
+    counter: Callable[[], int] | None = None
+    """As in ``Source``."""
+    form: Form | None = None
+    """Its JSON form, if that is not the form of ``shape``."""
+    json: Callable[[], bytes] | None = None
+    """Returns its JSON document, likewise."""
+    describe_shapes: Callable[[Graph], None] | None = None
+    """Adds the shape, and that of the body of PUT, if they are not in blueprints."""
 
     @property
     def is_measured(self) -> bool:
         return self.sample is not tuple
+
+    @property
+    def inputs(self) -> tuple[NamedNode, ...]:
+        """Further shapes of its blueprint, if it describes them itself."""
+        return () if self.describe_shapes is None or self.put is None else (input_shape(self.shape),)
+
+
+def input_shape(shape: NamedNode) -> NamedNode:
+    """Return the shape of a body of PUT beside the shape of a property."""
+    return NamedNode(shape.value.partition("#")[0] + "#input")
 
 
 def added_robot_properties() -> Sequence[Callable[[Robot], Property]]:

@@ -4,13 +4,15 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from itertools import chain
 from types import MappingProxyType
 
+from msgspec import structs
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LDP
-from linked_fleet_gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.affordance import Control, ForgetRobot
 from linked_fleet_gateway.resources.annotations import battery_charge
 from linked_fleet_gateway.resources.binary_frames import frame_writers, has_frames, layout_path, related_layouts
@@ -18,12 +20,13 @@ from linked_fleet_gateway.resources.branches import Branches, RequestView
 from linked_fleet_gateway.resources.describe import Describer, RobotActivity, last_frame, part_paths
 from linked_fleet_gateway.resources.description import InSteps, MeasuredDescription, run_steps
 from linked_fleet_gateway.resources.invocation import describe_lease, invocation_path
+from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
 from linked_fleet_gateway.resources.property import Measurement, Property, Sampler
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
-from linked_fleet_gateway.resources.settable import put_affordance
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_at, blueprint_of
+from linked_fleet_gateway.resources.settable import put_affordance, target_blueprint
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.subscription_resource import resolve_subscription
 from linked_fleet_gateway.resources.versioning import Source
@@ -152,11 +155,32 @@ class Things:
             has_linkset=True,
         )
 
+    def part(self, part: RobotPart) -> Resource:
+        """Return another part of a robot."""
+        items = part.properties(self._view.base)
+        measured = [each for each in items if each.is_measured]
+        counters = [each.counter for each in items if each.counter is not None]
+        source = _thing(part.robot, items, part.facts)
+        return Resource(
+            part.path,
+            part.name,
+            MeasuredDescription(lambda graph, seen: self.describer.part(part, items, graph, seen), _samplers(measured)),
+            source=structs.replace(source, counter=lambda: sum(count() for count in counters)),
+            own_paths=_own(part.path, items, tuple(each.path for each in part.offers.values())),
+            documents={**self._branches.thing_documents(self._view, part.robot, part), JSON: part.json},
+            has_linkset=True,
+        )
+
     def property(self, robot: Robot, owner: str, item: Property) -> Resource:
         """Return a property of the thing at the path ``owner``."""
         path = f"{owner.rstrip('/')}/{item.segment}"
         # A new description is no change of a value unless its model differs, which holds the constants.
-        source = Source(lambda: (robot.presence_facts, robot.model, item.facts(), robot.settings), item.sample, robot)
+        source = Source(
+            lambda: (robot.presence_facts, robot.model, item.facts(), robot.settings),
+            item.sample,
+            robot,
+            counter=item.counter,
+        )
 
         def measured(graph: Graph, measurements: Sequence[Measurement]) -> None:
             self.describer.property(robot, owner, item, graph, measurements[0])
@@ -174,7 +198,26 @@ class Things:
             layout_path=layout_path(path) if has_frames(item) else None,
             affords=put_affordance(item.put),
         )
+        if item.json is not None:
+            return resource.replace(documents={**resource.documents, JSON: item.json})
         return add_plain_json(resource, item.shape, self._view.base)
+
+    def property_blueprint(self, robot: Robot, owner: str, item: Property) -> Resource:
+        """Return the blueprint of a property."""
+        whole = blueprint_at(
+            f"{owner.rstrip('/')}/{item.segment}",
+            self._view.base,
+            (item.shape, *item.inputs),
+            description_source(robot),
+        )
+        if (own := item.describe_shapes) is None:
+            return target_blueprint(whole, item.put, self._view.base) if isinstance(item.put, Offer) else whole
+
+        def describe(graph: Graph) -> None:
+            run_steps(whole.own_steps(graph))
+            own(graph)
+
+        return whole.replace(describe=describe)
 
     def lease(self, robot: Robot) -> Resource:
         """Return the control lease of the robot."""
@@ -221,7 +264,7 @@ def description_source(robot: Robot | None) -> Source:
     return Source() if robot is None else Source(lambda: (robot.description, robot.annotations), robot=robot)
 
 
-def _own(path: str, properties: list[Property], actions: tuple[str, ...] = ()) -> tuple[str, ...]:
+def _own(path: str, properties: Sequence[Property], actions: tuple[str, ...] = ()) -> tuple[str, ...]:
     """Return sub-resources in the order of the Link field: subscriptions, blueprint, actions, properties."""
     stem = path.rstrip("/")
     return (stem + "/subscriptions", stem + "/blueprint", *actions, *(f"{stem}/{each.segment}" for each in properties))

@@ -13,12 +13,13 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView, RobotsInView
-from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
+from linked_fleet_gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.action_tree import invocation_of, resolve_action
 from linked_fleet_gateway.resources.binary_frames import resolve_layout
 from linked_fleet_gateway.resources.branches import NO_BRANCHES, Branches, Found, RequestView
 from linked_fleet_gateway.resources.documents import context_resource, vocabulary_resource
 from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.part import RobotPart, parts_of
 from linked_fleet_gateway.resources.paths import (
     is_below,
     joint_or_link,
@@ -32,7 +33,6 @@ from linked_fleet_gateway.resources.paths import (
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Redirect, Resource, blueprint_at, blueprint_of
-from linked_fleet_gateway.resources.settable import target_blueprint
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner, Things, description_source
 from linked_fleet_gateway.resources.versioning import Source
 
@@ -122,6 +122,8 @@ class Tree:
             )
         if robot.model is None:
             return None
+        if (part := parts_of(robot).get(rest[0])) is not None:
+            return self._in_part(part, rest[1:])
         try:
             joint, link = joint_or_link(rest[0], robot.model)
         except ValueError:
@@ -167,12 +169,22 @@ class Tree:
             return self._things.owned_resource(thing, rest, (LF.LinkShape,)) if rest else thing
         return self._property(robot, path, link_properties(robot, link, rest[0]), rest)
 
+    def _in_part(self, part: RobotPart, rest: list[str]) -> Found:
+        if rest[:1] == ["actions"] and len(rest) > 1:
+            offers = [part.offers[rest[1]]] if rest[1] in part.offers else []
+            source = description_source(part.robot)
+            return resolve_action(offers, rest[1:], self._invocations, source, self._base)
+        if not rest or rest[0] in _OF_THINGS:
+            thing = self._things.part(part)
+            return self._things.owned_resource(thing, rest, tuple(part.shapes)) if rest else thing
+        return self._property(part.robot, part.path, part.properties(self._base), rest)
+
     def _blueprint(self, robot: Robot, path: str, shape: NamedNode) -> Resource:
         return blueprint_at(path, self._base, (shape,), description_source(robot))
 
     # -- what things own --------------------------------------------------------------------------------------------
 
-    def _property(self, robot: Robot, owner: str, properties: list[Property], rest: list[str]) -> Found:
+    def _property(self, robot: Robot, owner: str, properties: Sequence[Property], rest: list[str]) -> Found:
         item = next((each for each in properties if each.segment == rest[0]), None)
         if item is None:
             return None
@@ -183,8 +195,7 @@ class Tree:
             return resolve_layout(self._things.describer, robot, owner, item, rest[1:])
         if not rest[1:]:
             return self._things.property(robot, owner, item)
-        whole = self._blueprint(robot, f"{owner.rstrip('/')}/{item.segment}", item.shape)
-        return target_blueprint(whole, item.put, self._base) if isinstance(item.put, Offer) else whole
+        return self._things.property_blueprint(robot, owner, item)
 
     # -- all that is below ------------------------------------------------------------------------------------------
 
@@ -213,6 +224,9 @@ class Tree:
         robot = self._robots[robot_name(head)]
         if robot.model is None:
             return self._open_below(root, robot)
+        if (added := parts_of(robot).get(part)) is not None:
+            parts = self._in_parts(root, robot, iter([(self._things.part(added), added.properties(self._base))]))
+            return chain(_while_described(robot, robot.model, parts), self._open_below(root, robot))
         joint, link = (None, None) if not part else joint_or_link(part, robot.model)
         parts = self._in_parts(root, robot, self._parts(robot, robot.model, joint, link))
         return chain(_while_described(robot, robot.model, parts), self._open_below(root, robot))
@@ -244,6 +258,8 @@ class Tree:
         for one in model.links.values():
             if joint is None and link in (None, one.name):
                 yield self._things.link(robot, one), link_properties(robot, one)
+        for added in parts_of(robot).values() if joint is None and link is None else ():
+            yield self._things.part(added), added.properties(self._base)
 
     def may_appear(self, path: str) -> bool:
         """Return True if a resource may exist at ``path`` once its robot has described itself."""

@@ -1,9 +1,9 @@
 """Changes of resources, and their versions (docs/TREE.md, "What counts as change").
 
 The version of a robot's resource is the robot's incarnation and the frame that brought the change, counted from 1.
-Changes without a frame (presence, a description) are counted after the frame before them. The version of other
-resources is a digest of their facts. A gateway that starts watching later may name a later frame for the same value, so
-versions can only be compared for equality.
+Changes without a frame (presence, a description) are counted after the frame before them, and changes of values that
+come in other messages by themselves. The version of other resources is a digest of their facts. A gateway that starts
+watching later may name a later frame for the same value, so versions can only be compared for equality.
 """
 
 from collections.abc import Callable
@@ -51,6 +51,8 @@ class Source(Struct, frozen=True):
 
     ``tuple`` says that it never changes.
     """
+    counter: Callable[[], int] | None = None
+    """Counts the changes of what ``sample`` returns, if no frame causes them."""
     is_final: Callable[[], bool] = bool
     """Returns True if the resource will never change again."""
 
@@ -64,8 +66,9 @@ class Source(Struct, frozen=True):
         facts = previous.facts if previous is not None and robot is not None and robot.online else self.facts()
         observations = self.sample() if values else ()
         if robot is not None:
-            incarnation, frame, change = version_of(robot, observations)
+            incarnation, frame, change = version_of(robot, () if self.counter else observations)
             version = f"{incarnation}-{frame}" + (f".{change}" if change else "")
+            version += f"v{self.counter()}" if self.counter and values else ""
             return Reading(facts, observations, version)
         known = facts if self.shared_facts is None else self.shared_facts()
         return Reading(facts, (), blake2b(repr(known).encode(), digest_size=8).hexdigest())
@@ -73,7 +76,7 @@ class Source(Struct, frozen=True):
     @property
     def is_measured(self) -> bool:
         """True if frames can change it."""
-        return self.sample is not tuple
+        return self.sample is not tuple and self.counter is None
 
 
 def version_of(robot: Robot, observations: tuple[Observation, ...]) -> tuple[int, int, int]:

@@ -143,6 +143,14 @@ class FanOut:
                 self._dirty.update(dict.fromkeys(topics.values(), True))
                 self._turns.schedule()
 
+    def mark_values_changed(self, robot: str, *paths: str) -> None:
+        """Mark resources of a robot of which values have changed, which no frame has."""
+        self._tell_listeners(robot)
+        for path in paths:
+            if topics := self._topics.get(path):
+                self._dirty.update(dict.fromkeys(topics.values(), True))
+                self._turns.schedule()
+
     def add_resource(self, path: str) -> None:
         """Add a new resource to the watchers of the subtrees that cover it."""
         self._tell_listeners(None)

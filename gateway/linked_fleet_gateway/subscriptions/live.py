@@ -4,7 +4,7 @@ import asyncio
 import logging
 import time
 from collections import deque
-from collections.abc import Awaitable, Callable, Collection, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from types import TracebackType
 
@@ -21,6 +21,7 @@ from linked_fleet_gateway.link.fleet_link import FleetLink
 from linked_fleet_gateway.link.transport import Session
 from linked_fleet_gateway.resources.branches import Branch, Branches
 from linked_fleet_gateway.resources.invocation import invocation_path, invocations_path
+from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
@@ -62,6 +63,8 @@ class Live:
         self.on_lost: Callable[[str], None] = lambda robot: None
         # Called for robots that clients have removed, by whoever keeps something about each robot.
         self.on_removed: dict[Callable[[str], None], None] = {}
+        # Called for robots that have described themselves, or are back.
+        self.on_described: dict[Callable[[str], None], None] = {}
         self.on_heard: Callable[[str], None] = lambda robot: None
         self.link = FleetLink(
             keys,
@@ -210,6 +213,15 @@ class Live:
 
         return await self.link.stop(robots, stop, timeout_s, online, note)
 
+    def set_parts(self, robot: str, parts: Mapping[str, RobotPart], findings: Sequence[str] = ()) -> None:
+        """Replace the parts of a robot that are neither joints nor links, by path segment.
+
+        ``findings`` are sentences about parts that could not be taken.
+        """
+        if (known := self.fleet.robots.get(robot)) is not None:
+            known.set_parts(parts, findings)
+            self.fan_out.mark_robot_changed(robot)
+
     def hear_next_frame(self, robot: str) -> None:
         """Call ``on_heard`` for the next frame of a robot."""
         self.fleet.check_next_frame(robot)
@@ -240,6 +252,10 @@ class Live:
         log.info("robot %s: %s", change.robot, change.what, extra={"robot": change.robot})
         self._retarget(self.fleet.robots.get(change.robot))
         self.fan_out.mark_robot_changed(change.robot)
+        if change.what in ("described", "appeared"):
+            for described in list(self.on_described):
+                with self.faults.guard("listeners", change.robot, name_of(described)):
+                    described(change.robot)
         if change.what == "vanished":
             self.on_lost(change.robot)
 
@@ -266,7 +282,7 @@ class Live:
         # the fleet's representation only shows beginnings and ends
         if invocation.state.terminal or not invocation.progress:
             paths.append("/")
-        if invocation.operation:
+        if not invocation.targets:
             thing = invocation.action.rpartition("/actions/")[0]
             paths += thing, thing.rpartition("/")[0]
         if invocation.robot in self.fleet.robots:

@@ -36,7 +36,7 @@ def test_the_page_shows_what_it_prints() -> None:
             "  component output4: Output4, https://w3id.org/linked-fleet#Switch; 10 Hz, unknown after 1 s",
         ),
         ("picker.py", '    feedback: {part: integer, doing: "approach" | "place" | "take"}'),
-        ("driver.py", "  joint pan [rad], takes commands"),
+        ("driver.py", "  joint pan [rad], takes commands, arrives within 0.00153 rad"),
     ],
 )
 def test_it_shows_robots_and_components(example: str, said: str) -> None:

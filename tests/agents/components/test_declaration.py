@@ -12,7 +12,12 @@ from linked_fleet_agent.components import BASE, Call, Component, DeclarationErro
 from linked_fleet_agent.components.declaration import declare
 from linked_fleet_agent.components.host import declarations_of
 from linked_fleet_agent.components.schemas import schema_of
-from linked_fleet_agent.wire.components import MAX_ACTIONS, MAX_COMPONENTS, read_declarations
+from linked_fleet_agent.wire.components import (
+    MAX_ACTIONS,
+    MAX_COMPONENTS,
+    DescriptionWithComponents,
+    read_declarations,
+)
 
 Width = Annotated[float, unit("M"), Meta(ge=0, le=0.08, title="Distance of the fingers")]
 LINKS, JOINTS = {"hand"}, {"finger"}
@@ -139,7 +144,7 @@ def test_a_class_becomes_its_declaration() -> None:
 
 def test_gateways_accept_what_agents_declare() -> None:
     [declared] = declarations_of([Gripper()], LINKS, JOINTS)
-    accepted, refused = read_declarations(msgspec.json.encode({"components": [declared.said]}), LINKS, JOINTS)
+    accepted, refused = read_declarations(msgspec.json.encode([declared.said]), LINKS, JOINTS)
     assert (accepted, refused) == ([declared.said], [])
 
 
@@ -305,19 +310,17 @@ SWITCH = {"schema": {"type": "boolean"}}
     ],
 )
 def test_a_gateway_refuses_each_bad_component_by_itself(said: Any, accepted: int, refused: str) -> None:
-    found, sentences = read_declarations(msgspec.json.encode({"version": 1, "components": said}), LINKS, JOINTS)
+    found, sentences = read_declarations(msgspec.json.encode(said), LINKS, JOINTS)
     assert len(found) == accepted
     assert refused in " ".join(sentences)
     assert bool(sentences) == bool(refused)
 
 
-@pytest.mark.parametrize(
-    "payload", [b"", b"[]", b'{"components": [', b'{"components": ["\xff"]}', b'{"components": ' + b"[" * 100_000]
-)
+@pytest.mark.parametrize("payload", [b"", b"{}", b"null", b"[", b'["\xff"]', b"[" * 100_000])
 def test_what_is_no_json_is_refused_with_a_sentence(payload: bytes) -> None:
     found, sentences = read_declarations(payload, LINKS, JOINTS)
     assert (found, len(sentences)) == ([], 1)
 
 
 def test_a_description_without_components_declares_none() -> None:
-    assert read_declarations(b'{"version": 1, "joints": []}', LINKS, JOINTS) == ([], [])
+    assert read_declarations(DescriptionWithComponents.__struct_defaults__[-1], LINKS, JOINTS) == ([], [])

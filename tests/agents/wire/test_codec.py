@@ -181,12 +181,21 @@ class TestMessages:
             {"layout": [{"name": "x", "type": "complex", "offset": 0, "count": 1}]},
             {"urdf": "x" * 8_000_001},
             {"annotations": "x" * 65_537},
+            {"tolerances": {"hinge": 0.0}},
+            {"tolerances": {"hinge": 1.1}},
+            {"tolerances": {"hinge": None}},
+            {"tolerances": {f"j{index}": 0.1 for index in range(MAX_JOINTS + 1)}},
         ],
     )
     def test_a_description_out_of_bounds_is_refused(self, changes: dict[str, object]) -> None:
         whole = json.loads(codec.encode(DESCRIPTION))
         with pytest.raises(WireError):
             codec.decode(json.dumps(whole | changes).encode(), Description)
+
+    def test_a_description_of_an_earlier_release_has_no_tolerances(self) -> None:
+        said = json.loads(codec.encode(DESCRIPTION))
+        del said["tolerances"]
+        assert codec.decode(json.dumps(said).encode(), Description) == DESCRIPTION
 
     @pytest.mark.parametrize("kind", [Description, Progress])
     def test_an_unknown_field_of_news_is_ignored(self, kind: Any) -> None:

@@ -121,7 +121,7 @@ def test_a_component_may_have_more_than_its_kind_and_be_narrower(
 def test_a_gateway_refuses_such_a_component_alone() -> None:
     bad = msgspec.json.encode(changed("Gripper", (*schema("width"), "unit"), "MilliM"))
     good = msgspec.json.encode(KINDS[LF + "Battery"].least)
-    accepted, refused = read_declarations(b'{"components":[' + bad + b"," + good + b"]}", (), ())
+    accepted, refused = read_declarations(b"[" + bad + b"," + good + b"]", (), ())
     assert [each.name for each in accepted] == ["battery"]
     [said] = refused
     assert said == "component 'gripper' is refused: a Gripper has a property 'width' in M; this one's is in MilliM"

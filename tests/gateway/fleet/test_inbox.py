@@ -1,18 +1,18 @@
 """The hand-over to the event loop is bounded, and one sender's flood costs no other its place."""
 
-from linked_fleet_gateway.fleet.events import MAX_KEYS, MAX_PROGRESS, MAX_PROGRESS_OF_ONE, MAX_TOKENS_OF_ONE, Inbox
+from linked_fleet_gateway.fleet.events import MAX_KEYS, MAX_QUEUED, MAX_QUEUED_OF_ONE, MAX_TOKENS_OF_ONE, Inbox
 
 
 def test_the_progress_of_one_is_bounded_and_that_of_others_heard() -> None:
     woken = list[int]()
     inbox = Inbox(lambda: woken.append(1))
     inbox.put_progress("quiet", b"first")
-    for _ in range(2 * MAX_PROGRESS):
+    for _ in range(2 * MAX_QUEUED):
         inbox.put_progress("loud", b"more")
     inbox.put_progress("quiet", b"last")
     batch = inbox.take()
     assert [payload for key, payload in batch.progress if key == "quiet"] == [b"first", b"last"]
-    assert len(batch.progress) == 2 + MAX_PROGRESS_OF_ONE
+    assert len(batch.progress) == 2 + MAX_QUEUED_OF_ONE
     assert woken == [1]
     inbox.put_progress("loud", b"again")
     assert list(inbox.take().progress) == [("loud", b"again")]

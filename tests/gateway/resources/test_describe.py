@@ -77,6 +77,15 @@ def test_no_limit_has_many_spellings_and_is_unknown(bench: Any, spelling: str) -
     assert bench.resource("/r/elbow/actions/rotate") is not None
 
 
+def test_the_limits_have_the_tolerance_that_the_agent_describes(bench: Any) -> None:
+    robot = bench.robot({"elbow": ("revolute", _SOUND)})
+    assert _limit(bench, LF.arrivalTolerance) == "unknown"
+    before = bench.resource("/r/elbow/limits").source.facts()
+    robot.describe(structs.replace(robot.description, tolerances={"elbow": 0.0015, "wrist": 0.5}))
+    assert _limit(bench, LF.arrivalTolerance) == "0.0015"
+    assert bench.resource("/r/elbow/limits").source.facts() != before
+
+
 def test_soft_limits_narrow_what_may_be_commanded_and_not_where_the_joint_may_be(bench: Any) -> None:
     soft = '<safety_controller soft_lower_limit="-0.5" soft_upper_limit="1" k_velocity="1"/>'
     robot = bench.robot({"elbow": ("revolute", _SOUND + soft)}, [1.9])

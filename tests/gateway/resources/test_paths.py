@@ -63,7 +63,7 @@ def test_joint_and_link_of_one_name_and_reserved_names_are_told_apart() -> None:
 
 def test_a_path_leads_to_a_robot_and_its_part() -> None:
     model = RobotModel.parse(_TWINS)
-    robot, bare = SimpleNamespace(name="r", model=model), SimpleNamespace(name="new", model=None)
+    robot, bare = SimpleNamespace(name="r", model=model, parts={}), SimpleNamespace(name="new", model=None)
     robots = cast(Any, {"r": robot, "new": bare})
     assert thing_at("/r/", robots) == (robot, None) and thing_at("/new/", robots) == (bare, None)
     assert thing_at(joint_path("r", "j"), robots) == (robot, model.joints["j"])

@@ -6,13 +6,15 @@ import itertools
 import logging
 import signal
 import sys
-from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Sequence
 from contextvars import Context
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import linked_fleet_agent.transport
+from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.robot import Robot
 from linked_fleet_agent.robots.catalogue import UnavailableError
 from linked_fleet_agent.serving import load_robots, serve
 from linked_fleet_agent.settings import SettingsError, read_settings
@@ -76,6 +78,18 @@ def played_session(loop: VirtualLoop, endpoint: str) -> Any:
     return PlayedSession(loop, loop.inside(network.agent, f"stage {next(_numbers)}"))
 
 
+@contextlib.contextmanager
+def serving_robot(endpoint: str, name: str, robot: Robot) -> "Iterator[VirtualProcess]":
+    """Run the agent of a robot with this driver, at the gateway that listens at ``endpoint``."""
+    loop = current()
+    assert loop is not None
+    agent = VirtualProcess(loop, ("-m", "linked_fleet_agent", "--robot", name, "--connect", endpoint), robot)
+    try:
+        yield agent
+    finally:
+        agent.stop()
+
+
 def gateway_session(endpoint: str) -> Awaitable[Session]:
     """Open a session to which agents at this endpoint connect, for a part of a gateway run by the test."""
     loop = current()
@@ -86,8 +100,10 @@ def gateway_session(endpoint: str) -> Awaitable[Session]:
 class VirtualProcess:
     """``-m linked_fleet_gateway`` or ``-m linked_fleet_agent`` in the loop. Interface: ``running.Process``."""
 
-    def __init__(self, loop: VirtualLoop, arguments: Sequence[str]) -> None:
+    def __init__(self, loop: VirtualLoop, arguments: Sequence[str], robot: Robot | None = None) -> None:
+        """``robot`` is the driver of the agent's robot, in place of one that it would load."""
         self.lines: list[str] = []
+        self._robot = robot
         self._loop, self._world = loop, world(loop)
         _, module, *words = arguments
         self.name = f"{module} {next(_numbers)}"
@@ -186,7 +202,10 @@ class VirtualProcess:
     async def _agents(self, words: list[str]) -> int:
         try:
             settings = read_settings(words, {}, "virtual")
-            agents, absent = load_robots(settings)
+            if self._robot is None:
+                agents, absent = load_robots(settings)
+            else:
+                agents, absent = [Agent(settings.robots[0].name, self._robot)], []
         except (SettingsError, UnavailableError) as error:
             self.lines.append(f"linked-fleet-agent: {error}\n")
             return 2

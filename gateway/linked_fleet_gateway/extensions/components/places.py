@@ -40,8 +40,13 @@ class Place(Struct, frozen=True):
 
     @property
     def title(self) -> str:
-        """Return the title, else the last part of the term, which is the escaped name."""
-        return self.schema.title or unescaped(self.term.value.rpartition("-")[2])
+        """Return the title, else the name."""
+        return self.schema.title or self.name
+
+    @property
+    def name(self) -> str:
+        """Return the name, which is the last part of the term, escaped."""
+        return unescaped(self.term.value.rpartition("-")[2])
 
     @property
     def stands_for(self) -> NamedNode | None:

@@ -9,7 +9,7 @@ from typing import Any
 
 import msgspec
 from msgspec import UNSET
-from pyoxigraph import Literal
+from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.schema import MAX_ITEMS, MAX_TEXT, Schema
 from linked_fleet_gateway.extensions.components.limits import (
@@ -53,11 +53,17 @@ class ShapeWriter:
         """Make ``node`` also the shape of a node that has a value as its ``lf:value``."""
         self._graph.a(node, SH.NodeShape)
         value = self._property(node, LF.value, least=1)
-        self._describe(value, place)
+        self._describe(value, place, "value")
         if self._of_output and place.schema.type not in ("number", "integer"):
             self._either_unknown(value, lambda known: self._constrain(known, place))
         else:
             self._constrain(value, place, may_be_unknown=self._of_output)
+
+    def part_shape(self, node: Node, predicate: NamedNode, name: str, place: Place) -> None:
+        """Make ``node`` also the shape of a node with a value: the members of an object, or an ``lf:value``."""
+        inner = self._graph.blank()
+        self._graph.add(self._property(node, predicate, name=name), SH.node, inner)
+        (self.object_shape if place.schema.type == "object" else self.value_shape)(inner, place)
 
     def _either_unknown(self, node: Node, constrain: Callable[[Node], None]) -> None:
         known, unknown = self._graph.blank(), self._graph.blank()
@@ -77,11 +83,12 @@ class ShapeWriter:
             graph.add(shape, SH.maxCount, integer(most))
         return shape
 
-    def _describe(self, shape: Node, place: Place) -> None:
+    def _describe(self, shape: Node, place: Place, name: str) -> None:
+        """Add the name, which is that of the JSON form, and what people should know."""
         schema = place.schema
-        self._graph.add(shape, SH.name, Literal(place.title))
-        if schema.description:
-            self._graph.add(shape, SH.description, Literal(schema.description))
+        self._graph.add(shape, SH.name, Literal(name))
+        if said := ". ".join(each.rstrip(". ") for each in (schema.title, schema.description) if each):
+            self._graph.add(shape, SH.description, Literal(said))
         if schema.default is not UNSET and schema.type in ("boolean", "string"):
             self._graph.add(shape, SH.defaultValue, *_literals([schema.default])[:1])
 
@@ -137,6 +144,8 @@ class ShapeWriter:
         self._among(self._property(shape, RDF.type), [MATHS.Scalar])
         unit = self._property(shape, VOM.unit, least=units[0] != UNITLESS, name="unit")
         self._among(unit, [iri for each in units for iri in each.accepted])
+        if not self._of_output and units[0] != UNITLESS:
+            graph.add(unit, SH.defaultValue, units[0].accepted[0])
         self._among(self._property(shape, QUDT.unit), [each.qudt for each in units])
 
     def _in_unit(self, unit: Unit, limits: Range) -> Node:
@@ -191,8 +200,8 @@ class ShapeWriter:
         # As many nodes as the list has items: the cells but the first, and rdf:nil.
         after = self._once(SH.oneOrMorePath, lambda path: graph.add(path, SH.oneOrMorePath, RDF.rest))
         count = self._property(node, after, least=least, most=most)
-        graph.add(count, SH.message, Literal(f"{place.title}: {least} to {most} items are allowed"))
-        each = self._property(node, self._once("items", self._item_path), most=None, name=f"an item of {place.title}")
+        graph.add(count, SH.message, Literal(f"{place.name}: {least} to {most} items are allowed"))
+        each = self._property(node, self._once("items", self._item_path), most=None, name=f"an item of {place.name}")
         self._constrain(each, place.items)
 
     def _item_path(self, path: Node) -> None:
@@ -231,7 +240,7 @@ class ShapeWriter:
         self._graph.add(shape, SH.closed, _TRUE)
         for order, (name, member) in enumerate(place.members.items()):
             each = self._property(shape, member.predicate, least=name in place.schema.required)
-            self._describe(each, member)
+            self._describe(each, member, name)
             self._graph.add(each, SH.order, integer(order))
             self._constrain(each, member)
 

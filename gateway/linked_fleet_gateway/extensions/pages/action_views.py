@@ -11,7 +11,7 @@ from linked_fleet_gateway.extensions.pages.thing_views import actions, unchecked
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, State, Value
 from linked_fleet_gateway.extensions.pages.views import Part
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, PROV, RDFS
-from linked_fleet_rdf.turtle import Term
+from linked_fleet_rdf.turtle import Subject, Term
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form
@@ -27,9 +27,20 @@ def action(facts: Facts, iri: NamedNode) -> Part:
         "form": form.form_of_action(facts, iri),
         "invocations": facts.iri_of(iri, LF.invocations),
     }
-    # Both requests of a binding share one body node, which has no facts to show.
+    # Both requests of a binding share one body node, which has no facts to show, and the form shows the shape.
     bodies = {each for each in facts.all(iri, HYBRIT.binding, HTTP.body) if isinstance(each, BlankNode)}
-    return Part(more, {RDFS.comment, HYBRIT.consumes, HYBRIT.binding, LF.invocations}, bodies)
+    return Part(more, {RDFS.comment, HYBRIT.consumes, HYBRIT.binding, LF.invocations}, bodies | _shape(facts, iri))
+
+
+def _shape(facts: Facts, iri: NamedNode) -> set[Subject]:
+    """Return the blank nodes of the shape of what an action takes."""
+    found, pending = set[Subject](), facts.all(iri, HYBRIT.consumes)
+    while pending:
+        node = pending.pop()
+        if isinstance(node, BlankNode) and node not in found:
+            found.add(node)
+            pending += [each for values in facts.of.get(node, {}).values() for each in values]
+    return found
 
 
 # -- invocation -----------------------------------------------------------------------------------------------------

@@ -18,12 +18,13 @@ from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts
-from linked_fleet_gateway.faces import Right, describe_request_shape
+from linked_fleet_gateway.faces import Right, action_definitions, describe_request_shape
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, add_closure, load_turtle
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, VOM, XSD
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, QUDT, RDF, VOM, XSD
 from linked_fleet_rdf.turtle import Term
 
+_RESET = LF.extended("ResetProtectiveStop").ResetProtectiveStop
 _NUMBERS = frozenset(URIRef(each.value) for each in NUMERIC)
 _EXACT = frozenset({URIRef(XSD.decimal.value), URIRef(XSD.double.value)})
 _TEXT, _ADDRESS, _BOOLEAN = (URIRef(each.value) for each in (XSD.string, XSD.anyURI, XSD.boolean))
@@ -43,8 +44,9 @@ def form_of_action(facts: Facts, iri: NamedNode) -> Form:
     consumed = facts.one(iri, HYBRIT.consumes)
     classes, fields = ("", ()) if consumed is None else _fields(_written(facts), str(consumed))
     # PUT first, because it can be repeated safely.
-    # As `resources.affordance` has it: an action with a body is a motion, one without stops.
-    right = Right.STOP if consumed is None else Right.ACT
+    stops = {each.iri for each in action_definitions() if each.is_stop}
+    types = set(facts.all(iri, RDF.type))
+    right = Right.RESET if _RESET in types else Right.ACT if stops.isdisjoint(types) else Right.STOP
     return _form(
         iri.value,
         sorted(methods, reverse=True) or ["POST"],
@@ -196,7 +198,15 @@ def _classes(shape: Shape) -> str:
 
 def _asked(shape: Shape) -> list[Field]:
     """Return the fields without the type, which the classes imply unless it must be chosen."""
-    return [each for each in all_fields(shape) if each.path != _RDF_TYPE or _is_choice(each)]
+    fields = _without_repeated_unit(all_fields(shape))
+    return [each for each in fields if each.path != _RDF_TYPE or _is_choice(each)]
+
+
+def _without_repeated_unit(fields: Iterable[Field]) -> list[Field]:
+    """Return the fields without the unit of QUDT beside the other unit, which says the same."""
+    fields = list(fields)
+    repeated = QUDT.unit.value if any(str(each.path) == VOM.unit.value for each in fields) else ""
+    return [each for each in fields if str(each.path) != repeated]
 
 
 def _is_choice(own: Field) -> bool:
@@ -299,7 +309,7 @@ def _range(own: Field, branch: Shape) -> dict[str, object]:
     both = conjunction([own.shape, there.shape]) if there else own.shape
     others = {
         str(each.path): [str(term) for term in each.allowed]
-        for each in branch.fields
+        for each in _without_repeated_unit(branch.fields)
         if each.path != own.path and each.allowed
     }
     ends: dict[str, Bound | None] = {"min": both.lower, "max": both.upper}

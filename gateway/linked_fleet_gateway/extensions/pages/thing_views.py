@@ -151,6 +151,14 @@ class JointRow:
 
 
 @dataclass(frozen=True)
+class OtherPart:
+    """A part that is neither joint nor link."""
+
+    link: Link
+    kind: str
+
+
+@dataclass(frozen=True)
 class UncheckedLink:
     """A link that checks of motions do not cover; ``mesh`` is empty if it has none."""
 
@@ -166,7 +174,7 @@ class NamedPose:
 
 
 def robot(facts: Facts, iri: NamedNode) -> Part:
-    joints, links = _parts(facts, iri)
+    joints, links, others = _parts(facts, iri)
     samples = _samples(facts, facts.all(iri, LF.jointState, LF.sample))
     listed = [JointRow(facts.link(each), _kind_of_joint(facts, each), samples.get(each, ())) for each in joints]
     state = facts.one(iri, LF.jointState)
@@ -177,6 +185,7 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "moving": [each for each in listed if each.values],
         "fixed": [each for each in listed if not each.values],
         "links": [facts.link(each) for each in links],
+        "parts": [OtherPart(facts.link(each), _kind_of_joint(facts, each)) for each in others],
         "state": getattr(state, "value", ""),
         "state_time": _first(facts, state, SOSA.resultTime),
         "pose": facts.iri_of(iri, LF.pose),
@@ -201,7 +210,7 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         RDFS.comment,
     }
     properties = {each for each in facts.all(iri, HYBRIT.property) if isinstance(each, NamedNode)}
-    return Part(more, shown | _leading(facts, iri), {*joints, *links, *properties})
+    return Part(more, shown | _leading(facts, iri), {*joints, *links, *others, *properties})
 
 
 def unchecked_links(facts: Facts, iri: NamedNode) -> list[UncheckedLink]:
@@ -214,16 +223,18 @@ def unchecked_links(facts: Facts, iri: NamedNode) -> list[UncheckedLink]:
     ]
 
 
-def _parts(facts: Facts, iri: NamedNode) -> tuple[list[NamedNode], list[NamedNode]]:
+def _parts(facts: Facts, iri: NamedNode) -> tuple[list[NamedNode], list[NamedNode], list[NamedNode]]:
+    """Return joints, links and other parts."""
     parts = [each for each in facts.all(iri, DCTERMS.hasPart) if isinstance(each, NamedNode)]
     links = [each for each in parts if facts.is_a(each, ROS.Link)]
-    known = set(links)
-    return [each for each in parts if each not in known], links
+    joints = [each for each in parts if facts.is_a(each, LF.Joint)]
+    known = {*links, *joints}
+    return joints, links, [each for each in parts if each not in known]
 
 
 def _kind_of_joint(facts: Facts, iri: NamedNode) -> str:
     types = [each for each in facts.all(iri, RDF.type) if each not in (HYBRIT.RoboticThing, LF.Joint)]
-    return texts.term_in_words(types[0].value).removesuffix(" joint") if types else ""
+    return texts.term_in_words(types[-1].value).removesuffix(" joint") if types else ""
 
 
 def _samples(facts: Facts, samples: Iterable[Term]) -> dict[NamedNode, list[Number]]:

@@ -24,7 +24,7 @@ from linked_fleet_gateway.api import (
     time_sliced,
 )
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD, placeholder_description, write_description
-from linked_fleet_gateway.faces import ThingDocument, kind_of
+from linked_fleet_gateway.faces import RobotPart, ThingDocument, kind_of, parts_of
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
@@ -36,7 +36,7 @@ LF = CORE.extended("Directory things")
 MOST = 50
 """Most descriptions on one page."""
 _LIST, _THINGS = "the list of things", "things"
-Place = tuple[Robot | None, Joint | Link | None]
+Place = tuple[Robot | None, Joint | Link | RobotPart | None]
 
 
 class RobotDigests:
@@ -81,6 +81,8 @@ class Listing:
                 yield self.view.base + joint_path(name, joint.name), (robot, joint)
             for link in model.links.values():
                 yield self.view.base + link_path(name, model, link.name), (robot, link)
+            for part in parts_of(robot).values():
+                yield self.view.base + part.path, (robot, part)
 
     async def version(self, digests: RobotDigests) -> bytes:
         """Return a digest of all facts that descriptions depend on: while it is equal, they are."""

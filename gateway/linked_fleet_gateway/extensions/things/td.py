@@ -1,4 +1,4 @@
-"""Thing Descriptions (W3C WoT Thing Description 1.1) of the fleet, robots, joints and links.
+"""Thing Descriptions (W3C WoT Thing Description 1.1) of the fleet, of robots and of their parts.
 
 They describe the same resources as the RDF, for Web of Things clients. Every form is a working request.
 """
@@ -17,6 +17,7 @@ from linked_fleet_gateway.faces import (
     Json,
     Measurement,
     Offer,
+    RobotPart,
     form_of,
     form_of_input,
     form_of_target,
@@ -47,13 +48,13 @@ _ID = {"type": "string", "description": "of an invocation: the id that invoking 
 
 @dataclass(frozen=True)
 class Thing:
-    """One Linked Robotic Thing: the fleet, a robot, or a joint or link of it."""
+    """One Linked Robotic Thing: the fleet, a robot, or a part of it."""
 
     base: str
     secured: bool
     """True if callers must authenticate."""
     robot: Robot | None = None
-    part: Joint | Link | None = None
+    part: Joint | Link | RobotPart | None = None
 
     @property
     def path(self) -> str:
@@ -63,6 +64,8 @@ class Thing:
             return robot_path(self.robot.name)
         if isinstance(self.part, Joint):
             return joint_path(self.robot.name, self.part.name)
+        if not isinstance(self.part, Link):
+            return self.part.path
         assert self.robot.model is not None
         return link_path(self.robot.name, self.robot.model, self.part.name)
 
@@ -94,7 +97,9 @@ class Thing:
             return (LF.Fleet,)
         if self.part is None:
             return (LF.Robot,)
-        return (kind_of(self.part).type, LF.Joint) if isinstance(self.part, Joint) else (ROS.Link,)
+        if isinstance(self.part, Joint):
+            return kind_of(self.part).type, LF.Joint
+        return (ROS.Link,) if isinstance(self.part, Link) else self.part.types
 
     def _title(self) -> str:
         if self.robot is None:
@@ -120,8 +125,10 @@ class Thing:
             "@type": [each.value for each in (*item.types, *((SOSA.ObservableProperty,) if item.is_measured else ()))],
             "title": item.title,
             "readOnly": item.put is None,
-            "observable": item.is_measured or item.put is not None,
+            "observable": _is_observable(item),
         }
+        if item.form is not None:
+            return said | item.form.schema | {"forms": _forms(href, JSON, item)}
         if not form_of(item.shape).fields:  # an open vocabulary without known fields
             return said | {"type": "string", "forms": _forms(href, "text/turtle", item)}
         if isinstance(item.put, Offer):
@@ -158,7 +165,7 @@ class Thing:
         return said | ({"input": form_of_input(offer, self.base).schema} if offer.takes_body else {})
 
 
-def write_description(view: RequestView, robot: Robot | None, part: Joint | Link | None) -> bytes:
+def write_description(view: RequestView, robot: Robot | None, part: Joint | Link | RobotPart | None) -> bytes:
     """Return the Thing Description of the fleet (no robot), a robot, or a part of it."""
     return thing_description(Thing(view.base, view.requires_authentication, robot, part), view.robots)
 
@@ -206,11 +213,15 @@ def _forms(href: str, media_type: str, item: Property) -> list[Json]:
     forms: list[Json] = [read]
     if item.put is not None:
         forms.append(forms[0] | {"op": "writeproperty", "htv:methodName": "PUT"})
-    if item.is_measured or item.put is not None:
+    if _is_observable(item):
         watched: Json = {"op": ["observeproperty", "unobserveproperty"], "contentType": media_type}
         forms.append({"href": f"{href}?as={name}", **watched, "subprotocol": "sse"})
         forms.append({"href": "ws" + href.removeprefix("http"), **watched, "subprotocol": f"lf.{name}"})
     return forms
+
+
+def _is_observable(item: Property) -> bool:
+    return item.is_measured or item.put is not None or item.counter is not None
 
 
 def _target(offer: Offer, base: str) -> Json:

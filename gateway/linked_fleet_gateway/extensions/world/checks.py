@@ -48,7 +48,7 @@ from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
 from linked_fleet_gateway.fleet.xml import Vector
-from linked_fleet_gateway.serving import Live, Worker
+from linked_fleet_gateway.serving import Act, Live, Worker
 
 CONFIGURATION_STEP_RAD = 0.05  # also metre
 MOST_CONFIGURATIONS = 24
@@ -272,6 +272,7 @@ class Checks:
     # -- the question -----------------------------------------------------------------------------------------------
 
     def _question(self, motion: Motion, robots: list[Robot], sees: View, own: str) -> Check:
+        assert not isinstance(motion.motion, Act)  # its path is not known, so that nobody asks
         robot = motion.robot
         start = _positions(robot)
         if missing := [name for name in motion.targets if name not in start]:

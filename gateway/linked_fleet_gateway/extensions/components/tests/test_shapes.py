@@ -195,10 +195,10 @@ GRASP = {
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"width": 0.08}, "Opening width: value in M: 0.08 must be at most 0.07"),
+        ({"width": 0.08}, "width: value in M: 0.08 must be at most 0.07"),
         (
             {"width": "a"},
-            "Opening width: unit: must have 1 value or more, and has none; value: must have 1 value or more",
+            "width: unit: must have 1 value or more, and has none; value: must have 1 value or more",
         ),
         ({"mode": "x"}, "mode: 'x' must be one of 'soft', 'hard'"),
         ({"name": "ABCD"}, "name: 'ABCD' must be 3 characters long at most"),
@@ -225,7 +225,7 @@ def test_a_refusal_names_the_member_and_what_is_right(changes: dict[str, Any], s
 def test_a_missing_member_is_named() -> None:
     taken = input_of(schema_of(**GRASP))
     _, refused = taken.read([], FOCUS)
-    assert refused is not None and refused[0] == "Opening width: must have 1 value or more, and has none"
+    assert refused is not None and refused[0] == "width: must have 1 value or more, and has none"
 
 
 def test_a_shape_describes() -> None:
@@ -239,10 +239,10 @@ def test_a_shape_describes() -> None:
         for node in data.objects(SHAPE, SH.property)
         if data.objects(node, SH.name)
     }
-    assert list(by_name) == ["Opening width", *list(GRASP["properties"])[1:]]
+    assert list(by_name) == list(GRASP["properties"])
     assert [data.objects(node, SH.order)[0].value for node in by_name.values()] == ["0", "1", "2", "3", "4", "5"]
     assert data.objects(by_name["mode"], SH.description) == [Literal("how hard to grip")]
-    (default,) = [value for _, value in data.subject_objects(SH.defaultValue)]
+    (default,) = [value for _, value in data.subject_objects(SH.defaultValue) if isinstance(value, Literal)]
     assert default.value == "0.04"
 
 

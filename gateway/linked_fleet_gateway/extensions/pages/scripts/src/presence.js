@@ -9,6 +9,7 @@ const OFFLINE = "The robot is offline: nothing can be sent to it.";
 const FORBIDDEN = {
   act: "You have no right to move this robot.",
   stop: "You have no right to stop this robot.",
+  reset: "You have no right to let this robot move again.",
   admin: "You have no right to change this.",
   subscribe: "You have no right to have messages sent or rules followed.",
 };
@@ -17,7 +18,7 @@ const UNHEARD = {
   lost: "The connection is lost: what this form shows may be wrong.",
 };
 // What the holder of a control lease alone may do: motions and settings.
-const HELD = ["act", "admin"];
+const HELD = ["act", "reset", "admin"];
 /** @type {Map<string, string>} by the lease, who else has control */
 const holders = new Map();
 let connection = "live";

@@ -1,0 +1,38 @@
+"""The page of a component: values, actions with their forms, and events."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.extensions.components.terms import LF
+from linked_fleet_gateway.extensions.pages.thing_views import PRESENCE, Card, actions, cards, presence
+from linked_fleet_gateway.extensions.pages.values import Facts
+from linked_fleet_gateway.extensions.pages.views import PageView, Part
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
+
+
+def component(facts: Facts, iri: NamedNode) -> Part:
+    title = facts.text(iri, DCTERMS.title)
+    found = [(each, _named(facts, each, card, title)) for each, card in cards(facts, iri)]
+    listed = {each for each, _ in found}
+    leading = {predicate for predicate, values in facts.of.get(iri, {}).items() if listed.issuperset(values)}
+    more = {
+        "presence": presence(facts, iri),
+        "comment": facts.text(iri, RDFS.comment),
+        "fault": facts.text(iri, LF.fault),
+        "told": [card for each, card in found if not facts.is_a(each, LF.ComponentEvent)],
+        "events": [card for each, card in found if facts.is_a(each, LF.ComponentEvent)],
+        "actions": actions(facts, iri),
+    }
+    shown = {*PRESENCE, RDFS.comment, HYBRIT.property, HYBRIT.action, *leading}
+    return Part(more, shown, set(listed))
+
+
+def _named(facts: Facts, iri: NamedNode, card: Card, title: str) -> Card:
+    """Return a card under the title of its property, without the name of the component."""
+    name = facts.text(iri, DCTERMS.title).removesuffix(f" of {title}")
+    return replace(card, name=name, link=replace(card.link, text=name))
+
+
+VIEW = PageView(LF.Component, Path(__file__).parent / "templates" / "component.html", component)

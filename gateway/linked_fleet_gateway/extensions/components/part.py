@@ -1,0 +1,155 @@
+"""A component as a part of its robot: its description, properties, events and actions."""
+
+from collections.abc import Mapping, Sequence
+from functools import cached_property, lru_cache
+from typing import Any
+
+import msgspec
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_agent.wire.components import BASE, Component
+from linked_fleet_agent.wire.keys import escape
+from linked_fleet_gateway.api import Invocation, Property, Robot, RobotModel, joint_path, link_path, robot_path
+from linked_fleet_gateway.extensions.components.declarations import CompiledComponent, compile_declarations
+from linked_fleet_gateway.extensions.components.items import event_item, property_item
+from linked_fleet_gateway.extensions.components.offers import ComponentOffer, offers_of
+from linked_fleet_gateway.extensions.components.places import vocabulary_iri
+from linked_fleet_gateway.extensions.components.state import ComponentState, RobotState
+from linked_fleet_gateway.extensions.components.terms import LF
+from linked_fleet_gateway.extensions.components.values import add_members, add_value
+from linked_fleet_gateway.faces import Offer, part_path
+from linked_fleet_gateway.rdf.graph import HERTZ, SECOND, Graph
+from linked_fleet_gateway.rdf.vocabulary import RDF, RDFS, SOSA
+
+_RESERVED = ("actions", "blueprint", "linkset", "subscriptions")
+"""Segments below a component that are no properties of it."""
+_EVENT_MARK = "~event"
+_JSON = RDF.extended("JSON").JSON
+_BASES = 16
+
+
+class ComponentPart:
+    """A component of a robot."""
+
+    def __init__(self, robot: Robot, model: RobotModel, state: RobotState, name: str) -> None:
+        self.robot, self.name = robot, name
+        self._model, self._whole = model, state
+        self.path = part_path(robot.name, model, name)
+        self.segment = self.path.rpartition("/")[2]
+        self.offers: Mapping[str, Offer] = offers_of(self)
+        self.compiled = lru_cache(_BASES)(self._compile)
+        self._items = lru_cache(_BASES)(self._make_items)
+
+    @property
+    def state(self) -> ComponentState:
+        return self._whole.components[self.name]
+
+    @property
+    def declared(self) -> Component:
+        return self.state.declared
+
+    @property
+    def title(self) -> str:
+        return self.declared.title or self.name
+
+    @cached_property
+    def types(self) -> Sequence[NamedNode]:
+        kind = self.declared.semantic_type
+        return (LF.Component, NamedNode(kind)) if kind else (LF.Component,)
+
+    @property
+    def shapes(self) -> Sequence[NamedNode]:
+        return (LF.ComponentShape,)
+
+    def path_of(self, item: str) -> str:
+        """Return the path of a property or event."""
+        if item not in self.declared.events or item in self.declared.properties:
+            return f"{self.path}/{escape(item, _RESERVED)}"
+        return f"{self.path}/{self._event_segment(item)}"
+
+    def _event_segment(self, name: str) -> str:
+        """Return the segment of an event. One that shares its name with a property gets a mark."""
+        return escape(name, _RESERVED) + (_EVENT_MARK if name in self.declared.properties else "")
+
+    @property
+    def is_current(self) -> bool:
+        """True if the values are those of the present run of the agent."""
+        return self._whole.incarnation == self.robot.incarnation
+
+    def _compile(self, base: str) -> CompiledComponent:
+        return compile_declarations([self.declared], base + robot_path(self.robot.name)).components[self.name]
+
+    def properties(self, base: str) -> Sequence[Property]:
+        """Return its properties and its events."""
+        return self._items(base)
+
+    def _make_items(self, base: str) -> tuple[Property, ...]:
+        compiled = self.compiled(base)
+        items = [
+            property_item(self, name, escape(name, _RESERVED), each, self.offers.get(escape(name)), base)
+            for name, each in compiled.properties.items()
+        ]
+        events = [
+            event_item(self, name, self._event_segment(name), each, base) for name, each in compiled.events.items()
+        ]
+        return (*items, *events)
+
+    def facts(self) -> object:
+        """Return all that its description depends on, except its properties."""
+        return self.declared, self.state.fault, self.is_current
+
+    def describe(self, graph: Graph, iri: NamedNode, base: str) -> None:
+        """Add what it declares about itself."""
+        said, robot = self.declared, self.robot
+        if said.description:
+            graph.add(iri, RDFS.comment, Literal(said.description))
+        if said.link:
+            graph.add(iri, SOSA.isHostedBy, NamedNode(base + link_path(robot.name, self._model, said.link)))
+        if self.is_current and self.state.fault:
+            graph.add(iri, LF.fault, Literal(self.state.fault))
+        graph.scalar(iri, LF.publishedAt, said.rate_hz, HERTZ)
+        graph.scalar(iri, LF.unknownAfter, said.stale_s, SECOND)
+        graph.add(iri, LF.vocabulary, NamedNode(vocabulary_iri(base + robot_path(robot.name))))
+
+    def json(self) -> bytes:
+        """Return the present values in JSON, by property."""
+        current = self.is_current
+        return msgspec.json.encode(
+            {name: self.state.value(name) if current else None for name in self.declared.properties}
+        )
+
+    def moved(self, name: str, base: str) -> list[NamedNode | Literal]:
+        """Return what an action moves: joints, or the word for the base."""
+        moves, robot = self.declared.actions[name].moves, self.robot.name
+        return [Literal(BASE) if each == BASE else NamedNode(base + joint_path(robot, each)) for each in moves]
+
+    def describe_outcome(self, graph: Graph, iri: NamedNode, base: str, invocation: Invocation) -> None:
+        """Add the feedback and the result of an invocation of one of its actions."""
+        for predicate, said, value in self._outcomes(invocation):
+            node = graph.blank()
+            graph.add(iri, predicate, node)
+            action = self.compiled(base).actions.get(self._action_of(invocation))
+            place = getattr(action, said, None)
+            if place is None:  # the robot declares something else by now
+                graph.add(node, LF.value, Literal(msgspec.json.encode(value).decode(), datatype=_JSON))
+            elif isinstance(value, Mapping):
+                add_members(graph, place, value, node)
+            else:
+                add_value(graph, place, value, node, LF.value)
+
+    def outcome_json(self, invocation: Invocation) -> Mapping[str, Any]:
+        """Return the feedback and the result of an invocation in JSON, by name."""
+        return {"output" if said == "result" else said: value for _, said, value in self._outcomes(invocation)}
+
+    def _outcomes(self, invocation: Invocation) -> list[tuple[NamedNode, str, Any]]:
+        stored = ((LF.feedback, "feedback", invocation.feedback), (LF.output, "result", invocation.outcome))
+        return [(predicate, said, msgspec.json.decode(text)) for predicate, said, text in stored if text]
+
+    def _action_of(self, invocation: Invocation) -> str:
+        offer = self.offers.get(invocation.action.rpartition("/")[2])
+        return offer.of_action if isinstance(offer, ComponentOffer) else ""
+
+
+def title_of(name: str, title: str, part: ComponentPart) -> str:
+    """Return the title of an item of a component."""
+    return f"{title or name} of {part.title}"

@@ -1,0 +1,8 @@
+"""Terms of components (vocabulary.ttl)."""
+
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+
+LF = CORE.extended(
+    "Component ComponentShape ComponentAction ComponentProperty ComponentEvent publishedAt unknownAfter moves"
+    " stopTime occurrences feedback"
+)
