@@ -21,13 +21,13 @@ def _between(least: float, most: float | None = None) -> Meta:
 
 Width = Annotated[float, unit("M"), _between(0), Meta(title="Distance of the fingers")]
 Force = Annotated[float, unit("N"), _between(0), Meta(title="Force of the fingers")]
-Holding = Annotated[bool, Meta(title="Whether something is held")]
+Holding = Annotated[bool, Meta(title="Object held")]
 Charge = Annotated[float, unit("PERCENT"), _between(0, 100), Meta(title="Charge")]
 Voltage = Annotated[float, unit("V"), Meta(title="Voltage")]
-Current = Annotated[float, unit("A"), Meta(title="Current, positive while the battery is charged")]
-PowerSupplyState = Literal["charging", "discharging", "full", "unknown"]
-OperationalMode = Literal["manual", "automatic"]
-SpeedScale = Annotated[float, _between(0, 1), Meta(title="Share of its speed that the robot uses")]
+Current = Annotated[float, unit("A"), Meta(title="Current")]
+PowerSupplyState = Annotated[Literal["charging", "discharging", "full", "unknown"], Meta(title="Power supply state")]
+OperationalMode = Annotated[Literal["manual", "automatic"], Meta(title="Operational mode")]
+SpeedScale = Annotated[float, _between(0, 1), Meta(title="Speed scale")]
 Level = Literal["ok", "warning", "error", "stale"]
 
 
@@ -103,6 +103,7 @@ class Mode(Component, kind=LF + "Mode", rename="camel", blocking=False):
 
     @value
     def speed_scale(self) -> SpeedScale:
+        """Return the share of its speed that the robot uses."""
         return 1.0
 
     @action()

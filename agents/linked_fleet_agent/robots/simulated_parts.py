@@ -41,6 +41,7 @@ class SimulatedMode(Mode):
 
     @value
     def speed_scale(self) -> Annotated[SpeedScale, Meta(ge=LEAST_SCALE)]:
+        """Reduce the speed of motions to this share."""
         return self.used_scale
 
     @speed_scale.setter
@@ -164,7 +165,7 @@ class SimulationWithCharger(Simulation):
     battery: SimulatedBattery
 
     @value
-    def charger(self) -> Annotated[bool, Meta(title="Whether a charger is plugged in")]:
+    def charger(self) -> Annotated[bool, Meta(title="Charger plugged in")]:
         return self.battery.charger
 
     @charger.setter
@@ -178,7 +179,7 @@ class SimulationWithTool(Simulation):
     tool: Tool
 
     @value
-    def tool_input(self) -> Annotated[bool, Meta(title="Level at the input of the tool")]:
+    def tool_input(self) -> Annotated[bool, Meta(title="Level of the tool input")]:
         return self.tool.input_on
 
     @tool_input.setter
