@@ -72,7 +72,7 @@ class Switch(Component, kind=LF + "Switch", rename="camel"):
     """
 
 
-class Mode(Component, kind=LF + "Mode", rename="camel", blocking=False):
+class Mode(Component, kind=LF + "Mode", rename="camel", rate_hz=5, blocking=False):
     """Operational mode and protective stop of a robot.
 
     The agent moves nothing while ``prevents_motion`` has a reason, which is the protective stop. This class keeps all

@@ -9,7 +9,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-import numpy.typing as npt
 
 from linked_fleet_agent.components import Component, Status
 from linked_fleet_agent.robot import Facts, PictureError, Reading, RobotFaultError
@@ -76,7 +75,7 @@ class MujocoRobot:
         damping_s = damping / self._model.actuator_gainprm[:, 0]
         self._full_reach = speeds * damping_s
         self._cruise_reach = np.array([cruise_of(facts.joints[index]) for index in commanded]) * damping_s
-        self._scale, self._reach, self._leads = 1.0, self._full_reach, np.full(len(commanded), np.inf)
+        self._scale, self._reach = 1.0, self._full_reach.copy()
         self._scaled = np.array([facts.joints[index].name not in driving for index in commanded], dtype=bool)
         self._setpoints = np.zeros(len(commanded))
         self._start_s: float | None = None
@@ -156,8 +155,10 @@ class MujocoRobot:
             behind_s = MAX_CATCH_UP_S
         steps = int(behind_s / step_s + 1e-6)
         if steps > 0:
-            measured, reach = self._data.qpos[self._servo_qpos], self._reach_now()
-            self._data.ctrl[:] = measured + np.clip(self._setpoints - measured, -reach, reach)
+            if (scale := self._mode.used_scale) != self._scale:
+                self._rescale(scale)
+            measured = self._data.qpos[self._servo_qpos]
+            self._data.ctrl[:] = measured + np.clip(self._setpoints - measured, -self._reach, self._reach)
             mujoco.mj_step(self._model, self._data, steps)
             for follow in self._followers:
                 follow(steps * step_s)
@@ -168,17 +169,15 @@ class MujocoRobot:
         self._left_out_s += seconds
         self._slow_until_s = self._data.time + _SLOW_S
 
-    def _reach_now(self) -> npt.NDArray[np.float64]:
-        """Return by how much setpoints may lead. A reduced speed is a share of that of motions; fingers have none."""
-        if (scale := self._mode.used_scale) != self._scale:
-            self._scale, is_reduced = scale, self._scaled & (scale < 1.0)
-            self._reach = np.where(is_reduced, scale * self._cruise_reach, self._full_reach)
-        reach: npt.NDArray[np.float64] = np.minimum(self._reach, self._leads)
-        return reach
+    def _rescale(self, scale: float) -> None:
+        """Reduce the speed of all joints but fingers to a share of that of motions; 1 is the full speed."""
+        self._scale = scale
+        reach = self._full_reach if scale == 1.0 else scale * self._cruise_reach
+        self._reach[self._scaled] = reach[self._scaled]
 
     def _fingers_of(self, part: FingersPart) -> Fingers:
         joint = part.joints[0]
-        servo = Servo(self._model, self._data, joint, self._servo[joint], self._setpoints, self._leads)
+        servo = Servo(self._model, self._data, joint, self._servo[joint], self._setpoints, self._reach)
         return Fingers(self._model, self._data, part, servo, self._limits[joint])
 
     def _time_s(self) -> float:
