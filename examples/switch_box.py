@@ -6,7 +6,7 @@ Usage: python switch_box.py [--connect tcp/192.0.2.10:7447] and further flags of
 import os
 from pathlib import Path
 
-from linked_fleet_agent.components import Component, event, value
+from linked_fleet_agent.components import Switch, event, value
 from linked_fleet_agent.robots.of_components import RobotOfComponents
 from linked_fleet_agent.serving import run
 
@@ -14,7 +14,7 @@ GPIO = Path(os.environ.get("SWITCH_BOX_GPIO", "/sys/class/gpio"))
 INPUTS, OUTPUTS = (17, 27, 22, 23), (5, 6, 13, 19)
 
 
-class Input(Component, rate_hz=50, stale_s=1):
+class Input(Switch, rate_hz=50, stale_s=1):
     """A digital input."""
 
     switched_on = event(title="Switched on")
@@ -23,7 +23,7 @@ class Input(Component, rate_hz=50, stale_s=1):
         self.name, self._file, self._was_on = name, GPIO / f"gpio{line}" / "value", True
 
     @value
-    def on(self) -> bool:
+    def input(self) -> bool:
         """Level of the input: true is high."""
         on, before = self._file.read_text().strip() == "1", self._was_on
         self._was_on = on
@@ -32,18 +32,18 @@ class Input(Component, rate_hz=50, stale_s=1):
         return on
 
 
-class Output(Component, stale_s=1):
+class Output(Switch, stale_s=1):
     """A digital output."""
 
     def __init__(self, name: str, line: int) -> None:
         self.name, self._file = name, GPIO / f"gpio{line}" / "value"
 
     @value
-    def on(self) -> bool:
+    def output(self) -> bool:
         """Level of the output: true is high."""
         return self._file.read_text().strip() == "1"
 
-    @on.setter
+    @output.setter
     def switch(self, on: bool) -> None:
         self._file.write_text("1" if on else "0")
 

@@ -55,6 +55,10 @@ class Setpoints:
                     most = self._rates[name] * dt_s
                     last[name] = before + min(max(way, -most), most)
 
+    def release(self, joints: Iterable[str]) -> None:
+        """Follow the measured positions of these joints also over short ways, because something else moves them now."""
+        self._displaced |= self._last.keys() & set(joints)
+
     def limit(self, wanted: Mapping[str, float], dt_s: float) -> dict[str, float]:
         """Return the setpoints to send ``dt_s`` after the last ones: as wanted, or as near as the speed allows."""
         found = {}

@@ -43,6 +43,19 @@ def test_setpoints_of_joints_that_are_driven_follow_nothing() -> None:
     assert followed(ARM, 0.5, 0.6, 0.7, driven=True) == [0.5, 0.5, 0.5]
 
 
+def test_a_joint_that_something_else_is_told_to_move_is_followed_over_short_ways_too() -> None:
+    setpoints = Setpoints([ARM])
+    found = []
+    for position in (0.5, 0.5, 0.495, 0.4951):
+        setpoints.follow([position], (), DT)
+        setpoints.release(["arm", "another"])
+        found.append(setpoints["arm"])
+    assert found == [0.5, 0.5, 0.495, 0.4951]
+    setpoints.adopt({"arm": 0.4951})
+    setpoints.follow([0.496], (), DT)
+    assert setpoints["arm"] == 0.4951
+
+
 def test_a_joint_that_was_driven_again_may_sag_again() -> None:
     setpoints = Setpoints([ARM])
     for position in (0.0, 0.02, 0.02, 0.02):

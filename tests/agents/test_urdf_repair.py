@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_agent.robots.catalogue import UnavailableError, load
-from linked_fleet_agent.robots.mujoco_robot import build, reason_of
+from linked_fleet_agent.robots.mujoco_model import build, reason_of
 from linked_fleet_agent.robots.urdf_repair import nearest_physical
 from linked_fleet_agent.urdf import UrdfError, joints_of
 from meshes import BOX, stl

@@ -89,7 +89,7 @@ class Place:
 
     def content(self, write: Write) -> tuple[str, str]:
         """Return a body that has an effect, and its media type; both are empty for a write without body."""
-        if write.method == "DELETE" or write.stops or write.name == "resume":
+        if write.method == "DELETE" or write.stops or write.name in ("resume", "reset"):
             return "", ""
         if write.method == "PATCH":
             return _UPDATE, "application/sparql-update"
@@ -104,6 +104,11 @@ class Place:
             "annotations": "<./> <urn:x/colour> 'red' .",
             "maximumSpeedScale": "<> lf:value [ vom:numericalValue 0.5 ] .",
             "placement": f"<> {_AT} .",
+            "mode": '<> lf:value "automatic" .',
+            "speedScale": "<> lf:value [ vom:numericalValue 0.5 ] .",
+            "output": "<> lf:value true .",
+            "toolInput": "<> lf:value true .",
+            "stopProtectively": "",
             "rules": a_rule(_NEVER, self.browser.root + "actions/stopAll"),
             "subscriptions": _subscription(write.url.removesuffix("/subscriptions")),
         }
@@ -202,11 +207,16 @@ def test_the_same_writes_have_an_effect_without_the_field(place: Place) -> None:
     assert len(one_each) > 30
     refused = {
         (write.method, write.name)
-        for write in sorted(one_each.values(), key=lambda each: (each.name == "lease", each.method == "DELETE"))
+        for write in sorted(one_each.values(), key=_order)
         if place.send(write).status_code not in (200, 201, 204)
     }
     # They need a token, a session, and a robot that is offline.
     assert refused == {("DELETE", "lease"), ("DELETE", "mcp"), ("DELETE", "ur5")}
+
+
+def _order(write: Write) -> tuple[bool, ...]:
+    """Return a key by which those come last after which others have no effect."""
+    return write.name == "lease", write.method == "DELETE", write.name == "stopProtectively"
 
 
 def test_a_callback_by_get_is_not_created_in_a_rehearsal(place: Place) -> None:

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 
 from descriptions_of_robots import BAR, INERTIAL, LIMIT, arm, described, read_by_agent, read_by_gateway
-from linked_fleet_agent.robots.mujoco_robot import build
+from linked_fleet_agent.robots.mujoco_model import build
 from linked_fleet_agent.urdf import joints_of
 from linked_fleet_gateway.extensions.models.geometry import urdf_with_mesh_addresses
 from linked_fleet_gateway.extensions.world.shapes import build_robot

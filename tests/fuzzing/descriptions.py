@@ -11,7 +11,7 @@ from descriptions_of_robots import INERTIAL, LIMIT, arm, joint, link
 from fuzzing import mutation
 from fuzzing.findings import Tally, in_process
 from linked_fleet_agent.robots.catalogue import data_folder
-from linked_fleet_agent.robots.mujoco_robot import build
+from linked_fleet_agent.robots.mujoco_model import build
 from linked_fleet_agent.urdf import RobotModel, UrdfError, decode, joints_of
 from linked_fleet_agent.urdf.writer import plain_urdf
 from linked_fleet_gateway.extensions.models.geometry import urdf_with_mesh_addresses

@@ -73,12 +73,13 @@ def test_r1_4_things_have_several_types(tree: Walk) -> None:
 
 
 def test_r1_5_terms_are_standard_or_described(tree: Walk) -> None:
-    """R1.5: every predicate and type is from a known vocabulary, or described in ours, which the fleet links.
+    """R1.5: every predicate and type is from a known vocabulary, or described in one that the fleet or a thing links.
 
     The input of an invocation is the client's: terms of other vocabularies stay in it.
     """
     (vocabulary,) = tree.pages[tree.root].graph.objects(URIRef(tree.root), LF.vocabulary)
-    known = {str(subject) for subject in tree.pages[str(vocabulary)].graph.subjects()}
+    linked = {str(each) for page in tree for each in page.graph.objects(page.iri, LF.vocabulary)}
+    known = {str(subject) for each in linked for subject in tree.pages[each].graph.subjects()}
     for page in tree:
         triples = page.triples()
         inputs = _inputs(triples)

@@ -75,6 +75,8 @@ class SimulatedRobot:
             on_command=self._command,
             on_stop=agent.handle_stop,
             on_mesh=agent.mesh,
+            on_operate=agent.handle_operate,
+            on_values=agent.values,
         ) as link:
             while not end.is_set():
                 with self._lock:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from types import NoneType
-from typing import Any, ClassVar, Generic, NamedTuple, Self, TypeVar, overload
+from typing import Any, ClassVar, Generic, Literal, NamedTuple, Self, TypeVar, overload
 
 import msgspec
 
@@ -10,6 +10,7 @@ C = TypeVar("C", bound="Component")
 T = TypeVar("T")
 Method = TypeVar("Method", bound=Callable[..., Any])
 Moves = Sequence[str] | Callable[[Any], Sequence[str]]
+Rename = Literal["", "camel"]
 Emit = Callable[[str, bytes | None], None]
 
 
@@ -18,7 +19,8 @@ class Component:
 
     ``kind`` is the IRI of its class in a vocabulary. Its values are read up to ``rate_hz`` times a second, all in one
     thread; of one that is not ``blocking`` they are read on the event loop of the agent, and must be at hand. They are
-    unknown if nothing could be read for ``stale_s``. Each raises what it likes if it cannot be read.
+    unknown if nothing could be read for ``stale_s``. Each raises what it likes if it cannot be read. With
+    ``rename="camel"`` the fleet gets to know ``tool_output`` as ``toolOutput``.
     """
 
     name: str = ""
@@ -30,6 +32,7 @@ class Component:
     rate_hz: ClassVar[float] = 10.0
     stale_s: ClassVar[float] = 5.0
     blocking: ClassVar[bool] = True
+    rename: ClassVar[Rename] = ""
     prevents_motion: str = ""
     """A sentence why the robot must not move now, such as a protective stop; empty if it may.
 
@@ -45,12 +48,21 @@ class Component:
         rate_hz: float | None = None,
         stale_s: float | None = None,
         blocking: bool | None = None,
+        rename: Rename | None = None,
     ) -> None:
         super().__init_subclass__()
-        said = {"kind": kind, "rate_hz": rate_hz, "stale_s": stale_s, "blocking": blocking}
+        said = {"kind": kind, "rate_hz": rate_hz, "stale_s": stale_s, "blocking": blocking, "rename": rename}
         for attribute, given in said.items():
             if given is not None:
                 setattr(cls, attribute, given)
+
+    @classmethod
+    def name_of(cls, member: str) -> str:
+        """Return the name of a value, action or event in the fleet."""
+        if cls.rename != "camel":
+            return member
+        first, *others = member.split("_")
+        return first + "".join(each[:1].upper() + each[1:] for each in others)
 
 
 class value(Generic[C, T]):  # noqa: N801 - a decorator, as ``property``
@@ -142,6 +154,8 @@ class event(Generic[T]):  # noqa: N801 - a marker, as ``value``
 
         def happen(data: T | None = None) -> None:
             if component.emit is not None:
-                component.emit(self.name, None if self.data is NoneType else msgspec.json.encode(data))
+                component.emit(
+                    component.name_of(self.name), None if self.data is NoneType else msgspec.json.encode(data)
+                )
 
         return happen

@@ -12,6 +12,7 @@ from linked_fleet_agent.components.call import Call
 from linked_fleet_agent.components.component import OPTIONS, ActionOptions, Component, event, value
 from linked_fleet_agent.components.schemas import DeclarationError, schema_of
 from linked_fleet_agent.wire import components as wire
+from linked_fleet_agent.wire.kinds import kind_problem, with_terms
 from linked_fleet_agent.wire.schema import Schema
 
 
@@ -50,7 +51,8 @@ def declare(component: Component) -> Declared:
     name = component.name or cls.__name__.lower()
     properties, actions, events = dict[str, wire.Property](), dict[str, wire.Action](), dict[str, wire.Event]()
     reads, tasks, setters = dict[str, Callable[[], Any]](), dict[str, Task](), dict[str, Task]()
-    for member, found in _members(cls):
+    for attribute, found in _members(cls):
+        member = cls.name_of(attribute)
         try:
             if isinstance(found, value):
                 properties[member] = _property(found)
@@ -79,11 +81,14 @@ def declare(component: Component) -> Declared:
 
 
 def _checked(said: wire.Component) -> wire.Component:
-    """Return what a gateway will decode, with all bounds of its fields."""
+    """Return what a gateway will decode, with all bounds of its fields and the terms of its kind."""
     try:
-        return msgspec.json.decode(msgspec.json.encode(said), type=wire.Component)
+        checked = msgspec.json.decode(msgspec.json.encode(with_terms(said)), type=wire.Component)
     except msgspec.ValidationError as error:
         raise DeclarationError(f"{said.name}: {error}") from error
+    if problem := kind_problem(checked):
+        raise DeclarationError(f"{said.name}: {problem}")
+    return checked
 
 
 def _members(cls: type[Component]) -> Iterator[tuple[str, Any]]:

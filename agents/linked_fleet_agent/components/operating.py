@@ -42,6 +42,8 @@ class Operating:
 
     def step(self) -> list[Outcome]:
         """Begin what can begin. Return the outcomes since the last call."""
+        if self._operations.idle and not (self._turns or self._outcomes):  # almost always
+            return []
         now_s = self._now_s
         waited = self._turns.step(now_s, lambda: self._operations.overdue(now_s)) if self._turns else []
         outcomes, self._outcomes = [*self._outcomes, *waited, *self._operations.step(now_s)], []
@@ -105,6 +107,7 @@ class Operating:
         self._outcomes += self._motions.release(joints, operate.id)
 
         def begin() -> list[Outcome]:
+            self._motions.setpoints.release(joints)
             self._operations.begin(operate.id, name, task, given, self._now_s)
             return []
 

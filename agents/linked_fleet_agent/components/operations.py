@@ -68,6 +68,11 @@ class Operations:
     def __len__(self) -> int:
         return len(self._running)
 
+    @property
+    def idle(self) -> bool:
+        """True if nothing runs, and all ends have been returned."""
+        return not (self._running or self._outcomes)
+
     def begin(self, id: str, name: str, task: Task, given: Mapping[str, Any], now_s: float) -> None:
         """Begin an action; ``name`` is for sentences, ``given`` its input by parameter."""
         operation = _Operation(id, name, task, now_s + task.declared.duration_s)

@@ -42,7 +42,7 @@ def _schema(found: inspect.Type) -> Schema:
             "str, Literal, Enum, list, tuple[…, ...] and msgspec.Struct"
         )
     try:
-        return msgspec.convert({**msgspec.to_builtins(schema), **extra}, Schema)
+        return msgspec.convert({**extra, **msgspec.to_builtins(schema)}, Schema)
     except msgspec.ValidationError as error:
         raise DeclarationError(f"{error}: {dict(extra)}") from error
 

@@ -11,6 +11,7 @@ from pathlib import Path
 from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots, mesh_files
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
 from linked_fleet_agent.robots.camera_client import probe, with_availability
+from linked_fleet_agent.robots.parts import NO_PARTS, BatteryPart, FingersPart, Parts, ToolPart
 from linked_fleet_agent.robots.ros2.address import SCHEME, Address, AddressError, parse_address
 from linked_fleet_agent.urdf import UrdfError, decode, joints_of
 from linked_fleet_agent.wire.keys import escape
@@ -38,6 +39,7 @@ class Model:
     floating: bool = False
     home_height_m: float = 0.0
     cameras: tuple[Camera, ...] = ()
+    parts: Parts = NO_PARTS
 
 
 def _legs(hip_rad: float, thigh_rad: float, calf_rad: float) -> dict[str, float]:
@@ -53,6 +55,11 @@ def _baxter_arms(*values_rad: float) -> dict[str, float]:
     for joint, mirrored, value in zip(("s0", "s1", "e0", "e1", "w0", "w1", "w2"), (1, 0) * 4, values_rad, strict=False):
         pose |= {f"left_{joint}": value, f"right_{joint}": -value if mirrored else value}
     return pose
+
+
+def _baxter_fingers(side: str) -> FingersPart:
+    joints = (f"{side[0]}_gripper_l_finger_joint", f"{side[0]}_gripper_r_finger_joint")
+    return FingersPart(f"{side}_fingers", f"{side.capitalize()} gripper", f"{side}_gripper_base_link", joints)
 
 
 def _camera(name: str, link: str, orientation_xyzw: tuple[float, float, float, float] = (0, 0, 0, 1)) -> Camera:
@@ -85,6 +92,7 @@ MODELS: Mapping[str, Model] = {
             _camera("left_hand", "left_hand_camera_axis_link"),
             _camera("right_hand", "right_hand_camera_axis_link"),
         ),
+        parts=Parts(fingers=(_baxter_fingers("left"), _baxter_fingers("right"))),
     ),
     "ur5": Model(
         "ur_description/urdf/ur5_robot.urdf",
@@ -101,6 +109,7 @@ MODELS: Mapping[str, Model] = {
                 "wrist_3_joint": 0.0,
             }
         },
+        parts=Parts(tool=ToolPart("Tool connector", "tool0")),
     ),
     "panda": Model(
         "panda_description/urdf/panda.urdf",
@@ -127,6 +136,9 @@ MODELS: Mapping[str, Model] = {
             "open": {"panda_finger_joint1": 0.04},
         },
         cameras=(_camera("hand", "panda_hand"),),
+        parts=Parts(
+            fingers=(FingersPart("gripper", "Gripper", "panda_hand", ("panda_finger_joint1", "panda_finger_joint2")),)
+        ),
     ),
     "tiago": Model(
         "tiago_description/robots/tiago.urdf",
@@ -146,6 +158,7 @@ MODELS: Mapping[str, Model] = {
             }
         },
         cameras=(_camera("head", "xtion_rgb_optical_frame"),),
+        parts=Parts(battery=BatteryPart(capacity_wh=720.0, idle_w=60.0, charger_w=300.0)),
     ),
     "go2": Model(
         "go2_description/urdf/go2.urdf",
@@ -155,6 +168,7 @@ MODELS: Mapping[str, Model] = {
         {"crouched": _legs(0.068, 1.1, -2.1)},
         floating=True,
         home_height_m=0.335,
+        parts=Parts(battery=BatteryPart(capacity_wh=236.0, idle_w=60.0, charger_w=250.0)),
     ),
 }
 
@@ -257,7 +271,7 @@ def _simulate(name: str, model: Model, path: Path, roots: MeshRoots) -> Robot:
         facts = replace(facts, meshes=mesh_files(facts.urdf, path, roots, name))
         way, reason = ("", "") if sight is None else sight.result
         facts = replace(facts, cameras=with_availability(model.cameras, reason))
-        return MujocoRobot(name, facts, model.home, model.home_height_m, path, way)
+        return MujocoRobot(name, facts, model.home, model.home_height_m, path, way, model.parts)
     except OSError as error:
         raise UnavailableError(f"{name}: {path} cannot be read: {error.strerror}") from error
     except UrdfError as error:

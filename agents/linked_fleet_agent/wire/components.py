@@ -1,4 +1,4 @@
-"""Components of robots: their declarations, and the messages about them (PROTOCOL.md, "Components"). SI units.
+"""Components of robots: the messages about them, and the checks of declarations (PROTOCOL.md, "Components"). SI units.
 
 A declaration is part of the description of its robot. What cannot be used in it is refused by itself, so that a bad
 component costs a robot neither its joints nor its other components.
@@ -8,75 +8,25 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Annotated, Any
 
 import msgspec
-from msgspec import UNSET, Meta, Raw, Struct, UnsetType, field, structs
+from msgspec import UNSET, Meta, Raw, Struct, UnsetType, structs
 
+from linked_fleet_agent.wire.declaration import BASE as BASE
+from linked_fleet_agent.wire.declaration import MAX_ACTIONS as MAX_ACTIONS
+from linked_fleet_agent.wire.declaration import MAX_COMPONENTS as MAX_COMPONENTS
+from linked_fleet_agent.wire.declaration import MAX_EVENTS as MAX_EVENTS
+from linked_fleet_agent.wire.declaration import MAX_PROPERTIES as MAX_PROPERTIES
+from linked_fleet_agent.wire.declaration import Action as Action
+from linked_fleet_agent.wire.declaration import Component as Component
+from linked_fleet_agent.wire.declaration import Event as Event
+from linked_fleet_agent.wire.declaration import Property as Property
+from linked_fleet_agent.wire.kinds import kind_problem
 from linked_fleet_agent.wire.messages import COMPONENTS_VERSION as COMPONENTS_VERSION
 from linked_fleet_agent.wire.messages import Description, Identifier, Name, Progress, Unsigned
-from linked_fleet_agent.wire.schema import Iri, Prose, Schema, Title, schema_problem, value_problem
+from linked_fleet_agent.wire.schema import Schema, schema_problem, value_problem
 
-MAX_COMPONENTS, MAX_PROPERTIES, MAX_ACTIONS, MAX_EVENTS = 64, 256, 128, 128
 MAX_DECLARATIONS_BYTES = MAX_RESULT_BYTES = MAX_VALUES_BYTES = 256 * 1024
 MAX_VALUE_BYTES = MAX_FEEDBACK_BYTES = MAX_EVENT_BYTES = 16_384
 MAX_INPUT_BYTES = 65_536
-BASE = "base"
-"""The word in ``moves`` for the base of a robot, which is no joint."""
-
-Rate = Annotated[float, Meta(gt=0, le=100)]
-Duration = Annotated[float, Meta(gt=0, le=86_400)]
-
-
-class Property(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A value of a component. One that is ``writable`` is set by ``Operate``."""
-
-    schema: Schema
-    writable: bool = False
-
-
-class Action(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """An action of a component.
-
-    ``moves`` names joints or ``base``; an action that moves something is a motion. ``duration_s`` is how long it may
-    take, ``stop_s`` how long it may go on after it was cancelled. One that ``rehearses`` can be asked what it would do.
-    """
-
-    title: Title = ""
-    description: Prose = ""
-    semantic_type: Iri = field(default="", name="@type")
-    input: Schema | None = None
-    feedback: Schema | None = None
-    result: Schema | None = None
-    moves: Annotated[tuple[Name, ...], Meta(max_length=256)] = ()
-    duration_s: Duration = 60.0
-    stop_s: Annotated[float, Meta(gt=0, le=30)] = 1.0
-    rehearses: bool = False
-
-
-class Event(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """Something that happens to a component; ``data`` is what is said about it."""
-
-    title: Title = ""
-    description: Prose = ""
-    semantic_type: Iri = field(default="", name="@type")
-    data: Schema | None = None
-
-
-class Component(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The declaration of a component.
-
-    ``semantic_type`` is the IRI of its kind, empty for one that has none; ``link`` is where it is mounted. Its values
-    are published at ``rate_hz`` at most, and unknown when nothing was measured for ``stale_s``.
-    """
-
-    name: Name
-    title: Title = ""
-    description: Prose = ""
-    semantic_type: Iri = field(default="", name="@type")
-    link: Annotated[str, Meta(max_length=128)] = ""
-    rate_hz: Rate = 10.0
-    stale_s: Annotated[float, Meta(ge=0.1, le=3600)] = 5.0
-    properties: Annotated[dict[Name, Property], Meta(max_length=MAX_PROPERTIES)] = {}
-    actions: Annotated[dict[Name, Action], Meta(max_length=MAX_ACTIONS)] = {}
-    events: Annotated[dict[Name, Event], Meta(max_length=MAX_EVENTS)] = {}
 
 
 class Measured(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -197,7 +147,7 @@ def declaration_problem(component: Component, links: Collection[str], joints: Co
             return f"action {name!r} moves {unknown[0]!r}, which is neither a joint of the robot nor {BASE!r}"
         if action.input is not None and action.input.type != "object":
             return f"the input of action {name!r} has the type {action.input.type!r}; it must be an object"
-    return ""
+    return kind_problem(component)
 
 
 def _schemas(component: Component) -> Iterator[tuple[str, Schema]]:

@@ -31,7 +31,10 @@ def test_the_page_shows_what_it_prints() -> None:
     ("example", "said"),
     [
         ("switch_box.py", "robot switch_box: Switch box, fixed base"),
-        ("switch_box.py", "  component output4: Output4; 10 Hz, unknown after 1 s"),
+        (
+            "switch_box.py",
+            "  component output4: Output4, https://w3id.org/linked-fleet#Switch; 10 Hz, unknown after 1 s",
+        ),
         ("picker.py", '    feedback: {part: integer, doing: "approach" | "place" | "take"}'),
         ("driver.py", "  joint pan [rad], takes commands, arrives within 0.00153 rad"),
     ],
@@ -49,6 +52,16 @@ def test_it_shows_robots_and_components(example: str, said: str) -> None:
         ("x = 1", "defines neither a component nor a driver, which has describe, read, apply, stop, close"),
         ("class A(Component):\n    @action()\n    def go(self, x): ...", "a.go: the parameter 'x' has no annotation"),
         ("class A(Component):\n    @value\n    def x(self) -> dict[str, int]: ...", "a.x: dict has no schema"),
+        (
+            "class A(Gripper):\n    @value\n    def width(self) -> float: ...",
+            "a: a Gripper has a property 'width' in M; this one's is without unit",
+        ),
+        (
+            "from linked_fleet_agent.robots.of_components import RobotOfComponents\n"
+            "class A(Battery): ...\n"
+            "def robot() -> RobotOfComponents: return RobotOfComponents('R', A())",
+            "robot: a: a Battery has a property 'charge'; this one has none",
+        ),
         ("class A(Component, rate_hz=0):\n    '''It.'''", "a: Expected `float` > 0"),
         (
             "from linked_fleet_agent.robots.of_components import RobotOfComponents\n"

@@ -1,0 +1,69 @@
+"""What a robot declares about a component: properties, actions and events with their schemas (PROTOCOL.md)."""
+
+from typing import Annotated
+
+from msgspec import Meta, Struct, field
+
+from linked_fleet_agent.wire.messages import Name
+from linked_fleet_agent.wire.schema import Iri, Prose, Schema, Title
+
+MAX_COMPONENTS, MAX_PROPERTIES, MAX_ACTIONS, MAX_EVENTS = 64, 256, 128, 128
+BASE = "base"
+"""The word in ``moves`` for the base of a robot, which is no joint."""
+
+Rate = Annotated[float, Meta(gt=0, le=100)]
+Duration = Annotated[float, Meta(gt=0, le=86_400)]
+
+
+class Property(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """A value of a component. One that is ``writable`` is set by ``Operate``."""
+
+    schema: Schema
+    writable: bool = False
+
+
+class Action(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """An action of a component.
+
+    ``moves`` names joints or ``base``; an action that moves something is a motion. ``duration_s`` is how long it may
+    take, ``stop_s`` how long it may go on after it was cancelled. One that ``rehearses`` can be asked what it would do.
+    """
+
+    title: Title = ""
+    description: Prose = ""
+    semantic_type: Iri = field(default="", name="@type")
+    input: Schema | None = None
+    feedback: Schema | None = None
+    result: Schema | None = None
+    moves: Annotated[tuple[Name, ...], Meta(max_length=256)] = ()
+    duration_s: Duration = 60.0
+    stop_s: Annotated[float, Meta(gt=0, le=30)] = 1.0
+    rehearses: bool = False
+
+
+class Event(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """Something that happens to a component; ``data`` is what is said about it."""
+
+    title: Title = ""
+    description: Prose = ""
+    semantic_type: Iri = field(default="", name="@type")
+    data: Schema | None = None
+
+
+class Component(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
+    """The declaration of a component.
+
+    ``semantic_type`` is the IRI of its kind, empty for one that has none; ``link`` is where it is mounted. Its values
+    are published at ``rate_hz`` at most, and unknown when nothing was measured for ``stale_s``.
+    """
+
+    name: Name
+    title: Title = ""
+    description: Prose = ""
+    semantic_type: Iri = field(default="", name="@type")
+    link: Annotated[str, Meta(max_length=128)] = ""
+    rate_hz: Rate = 10.0
+    stale_s: Annotated[float, Meta(ge=0.1, le=3600)] = 5.0
+    properties: Annotated[dict[Name, Property], Meta(max_length=MAX_PROPERTIES)] = {}
+    actions: Annotated[dict[Name, Action], Meta(max_length=MAX_ACTIONS)] = {}
+    events: Annotated[dict[Name, Event], Meta(max_length=MAX_EVENTS)] = {}
