@@ -31,6 +31,7 @@ SUITES = (
     Suite("ingest"),
     Suite("footprint", repeated=False),
     Suite("joining", repeated=False),
+    Suite("components", repeated=False),
     Suite("latency"),
     Suite("actions", repeated=False),
     Suite("parts", repeated=False),

@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 else:
     form = LazyModule("linked_fleet_gateway.extensions.pages.form")
 
-AROUND = frozenset({DCTERMS.title, RDFS.seeAlso, HYBRIT.blueprint, HYBRIT.consumes, SOSA.resultTime})
+AROUND = frozenset(
+    {DCTERMS.title, DCTERMS.identifier, RDFS.seeAlso, HYBRIT.blueprint, HYBRIT.consumes, SOSA.resultTime}
+)
 
 
 @dataclass(frozen=True)
