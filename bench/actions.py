@@ -45,6 +45,7 @@ def rows(seconds: float) -> list[Row]:
             known(f"a POST to {BARE}, p50", "ms", posted_ms),
             known("a write of Redis to its disk, p50", "ms", disk_ms),
             *_motions(place, browser, seconds, query_ms + posted_ms + disk_ms),
+            *_operations(place, seconds),
             *_rehearsals(place, browser, seconds / 2),
             *_stops(place, browser, seconds, query_ms),
         ]
@@ -68,6 +69,20 @@ def _motions(place: Scene, browser: Browser, seconds: float, least_ms: float) ->
         bounded("a POST to the agent's acceptance: processor of the gateway", "ms CPU", cpu_ms, 1.2),
         bounded("rotate, refused by the shape, p50", "ms", percentile(refused, 0.5), 0.8),
         bounded("rotate, refused by the shape: processor of the gateway", "ms CPU", refused_cpu_ms, 0.4),
+    ]
+
+
+def _operations(place: Scene, seconds: float) -> list[Row]:
+    """Return the rows of actions of components: an output that is set."""
+
+    def level(chance: Random) -> str:
+        return f"{PREFIXES} <> lf:value {chance.choice(('true', 'false'))} ."
+
+    took, cpu_ms = _measure(place, [Target("/ur5/tool/actions/output", level)], 204, seconds)
+    name = "from a POST that sets an output to the agent's acceptance"
+    return [
+        known(f"{name}, p50", "ms", percentile(took, 0.5)),
+        bounded(f"{name}: processor of the gateway", "ms CPU", cpu_ms, 1.2),
     ]
 
 
