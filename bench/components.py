@@ -98,7 +98,7 @@ def _share(pid: int, seconds: float) -> float:
 
 
 def _answers(place: Place, pid: int, seconds: float) -> tuple[float, float, int]:
-    """Return answers a second of processor: of the gateway, of a bare server with the median one; and the size of that."""
+    """Return answers a second of processor, those of a bare server with the median answer, and the size of that."""
     paths = [(f"/{_name(robot)}/part-{part}/value-{number}",)
              for robot in range(40) for part in range(COMPONENTS) for number in range(NUMBERS)]  # fmt: skip
     with tempfile.TemporaryDirectory() as folder:
