@@ -34,8 +34,8 @@ def _writes(tree: Walk, page: Visited) -> set[str]:
         return {"PUT", "DELETE"}
     if page.kind == "property":
         settable = _takes_body(page) or (page.iri, RDF.type, LF.Annotations) in page.graph
-        if (page.iri, RDF.type, LF.TargetPosition) in page.graph:
-            return {"PUT"}
+        if any((page.iri, RDF.type, each) in page.graph for each in (LF.TargetPosition, LF.ComponentProperty)):
+            return {"PUT"} if settable else set()  # a request to the robot, and no setting of the gateway
         removable = any((page.iri, RDF.type, each) in page.graph for each in (LF.Annotations, LF.Placement))
         return {"PUT", "PATCH", *(["DELETE"] if removable else [])} if settable else set()
     if page.kind in ("invocation", "subscription", "robot"):  # of a robot once it is offline

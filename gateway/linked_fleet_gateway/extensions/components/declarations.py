@@ -25,7 +25,7 @@ from linked_fleet_gateway.extensions.components.places import (
 )
 from linked_fleet_gateway.extensions.components.shapes import ShapeWriter
 from linked_fleet_gateway.extensions.components.values import add_members, add_value, members_in, value_in
-from linked_fleet_gateway.extensions.components.vocabulary import describe_link, describe_terms
+from linked_fleet_gateway.extensions.components.vocabulary import describe_event, describe_link, describe_terms
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.validation import ShaclValidator, reachable_statements
 from linked_fleet_gateway.rdf.vocabulary import LF, OWL, PREFIXES
@@ -180,6 +180,8 @@ class CompiledComponent:
         for place in (*data, *(event.data for event in self.events.values())):
             if place is not None:
                 describe_terms(graph, place)
+        for name, event in self.events.items():
+            describe_event(graph, NamedNode(event.term), event.declared.title or name, event.declared.description)
 
 
 @dataclass(frozen=True)

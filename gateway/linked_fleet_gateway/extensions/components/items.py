@@ -131,7 +131,7 @@ def event_item(part: "ComponentPart", name: str, segment: str, compiled: Compile
     return Property(
         segment,
         NamedNode(compiled.term),
-        (LF.ComponentEvent,),
+        (LF.ComponentEvent, *((NamedNode(declared.semantic_type),) if declared.semantic_type else ())),
         NamedNode(f"{iri}/blueprint#shape"),
         f"{declared.title or name} of {part.title}",
         describe,

@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.faces import ActionDefinition, DeclaredForm, Form, Offer
 from linked_fleet_gateway.rdf.graph import SECOND, Node
 from linked_fleet_gateway.rdf.validation import find_root, refuse_statements
-from linked_fleet_gateway.rdf.vocabulary import METHODS
+from linked_fleet_gateway.rdf.vocabulary import LDP, METHODS
 from linked_fleet_gateway.serving import Act
 
 if TYPE_CHECKING:
@@ -143,12 +143,14 @@ class ComponentOffer(Offer):
             )
         if self.of_property and not given:
             raise UnprocessableContent("The body has one member: value.", constraint=base + self.path)
+        if not self.of_property:
+            graph.a(root, LDP.Resource)  # which says nothing, so that an object without members has a root too
         taken.describe(graph, root, given["value"] if self.of_property else given)
         return graph.triples
 
     def read_body(self, triples: Sequence[Triple], base: str) -> Body:
         iri = base + self.path
-        focus: Node = find_root(triples, NamedNode(iri)) if triples else NamedNode(iri)
+        focus = find_root(triples, NamedNode(iri))
         taken = self.input(base)
         value, refused = taken.read(triples, focus)
         if refused is not None:

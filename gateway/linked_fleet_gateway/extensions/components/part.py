@@ -9,6 +9,7 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.components import BASE, Component
 from linked_fleet_agent.wire.keys import escape
+from linked_fleet_agent.wire.kinds import KINDS
 from linked_fleet_gateway.api import Invocation, Property, Robot, RobotModel, joint_path, link_path, robot_path
 from linked_fleet_gateway.extensions.components.declarations import CompiledComponent, compile_declarations
 from linked_fleet_gateway.extensions.components.items import event_item, property_item
@@ -59,7 +60,8 @@ class ComponentPart:
 
     @property
     def shapes(self) -> Sequence[NamedNode]:
-        return (LF.ComponentShape,)
+        kind = self.declared.semantic_type
+        return (LF.ComponentShape, NamedNode(kind + "Shape")) if kind in KINDS else (LF.ComponentShape,)
 
     def path_of(self, item: str) -> str:
         """Return the path of a property or event."""

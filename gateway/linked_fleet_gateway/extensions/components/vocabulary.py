@@ -36,6 +36,16 @@ def describe_link(graph: Graph, place: Place) -> None:
     describe_terms(graph, place)
 
 
+def describe_event(graph: Graph, term: NamedNode, title: str, description: str) -> None:
+    """Describe the own term of an event, which leads to its resource."""
+    graph.a(term, RDF.Property)
+    graph.add(term, RDFS.label, Literal(title))
+    if description:
+        graph.add(term, RDFS.comment, Literal(description))
+    graph.add(term, _RDFS.range, HYBRIT.Property)
+    graph.add(term, _RDFS.isDefinedBy, NamedNode(term.value.partition("#")[0]))
+
+
 def describe_terms(graph: Graph, place: Place) -> None:
     """Describe the own terms that link values within a value."""
     for each in _within(place):

@@ -99,7 +99,7 @@ def test_the_vocabulary_describes_the_own_terms_and_no_others() -> None:
     terms = {each.subject for each in said if each.predicate == RDF.type and each.object == RDF.Property}
     assert terms == {
         own("gripper-property-width"), own("gripper-input-grasp-force"), own("gripper-result-grasp-left"),
-        own("gripper-result-grasp-right"),
+        own("gripper-result-grasp-right"), own("gripper-event-lost"), own("gripper-event-told"),
     }  # fmt: skip
     width = own("gripper-property-width")
     assert Triple(NamedNode(f"{ROBOT}vocabulary"), RDF.type, OWL.Ontology) in said
