@@ -1,5 +1,6 @@
-"""Clients that request motions with idempotency keys, and repeat requests."""
+"""Clients that request motions of joints and of components with idempotency keys, and repeat requests."""
 
+import json
 import random
 
 from histories.gateways import Gateway
@@ -7,7 +8,7 @@ from histories.history import History
 from histories.keys import Keys
 from histories.robots import JOINT
 from linked_fleet_agent.wire.messages import Move
-from linked_fleet_gateway.actions.plan import Caller, Motion, robot_time
+from linked_fleet_gateway.actions.plan import Act, Caller, Motion, robot_time
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, KeyReused, RefusedByAgent
 
 _MODEL = "key"
@@ -55,6 +56,9 @@ class MotionClients:
         robot = gateway.live.fleet.robots[name]
         moment = robot_time(robot)
         assert moment is not None
+        if number % 2:  # an action of a component
+            act = Act("hand", json.dumps({"at": target}).encode(), "grip", moves=(JOINT,))
+            return Motion(robot, act, {}, moment)
         return Motion(robot, Move({JOINT: target}), {JOINT: target}, moment)
 
     async def settle(self, gateway: Gateway) -> None:

@@ -1,16 +1,20 @@
 """A robot with the product's agent, connected to the gateways by a link that loses and repeats messages."""
 
 import asyncio
+import json
 import random
 import time
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from contextvars import Context
+from functools import partial
 
 from fake_robots import SIMPLE
 from histories.history import History
 from linked_fleet_agent.agent import Agent
+from linked_fleet_agent.components import Component, action
 from linked_fleet_agent.robot import Facts, JointFacts, Limits, Reading
 from linked_fleet_agent.wire.codec import decode, decode_reply, encode
+from linked_fleet_agent.wire.components import Operate
 from linked_fleet_agent.wire.messages import Accepted, Command, Description, Move, Progress, Refused, Reply, Stop
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
 from linked_fleet_gateway.link.fleet_link import NoAnswer
@@ -22,14 +26,25 @@ _LOST, _UNANSWERED, _REPEATED = 0.03, 0.05, 0.1  # shares of commands
 _AWAY_S = 0.005  # until a delayed copy arrives
 
 
+class Hand(Component, blocking=False):
+    """A component whose action moves the joint of the robot."""
+
+    @action(moves=[JOINT])
+    async def grip(self, at: float) -> None:
+        """End at once."""
+
+
 class Elbow:
-    """A driver of one joint that reaches every setpoint at once."""
+    """A driver of one joint that reaches every setpoint at once, with a component that moves it too."""
 
     def __init__(self) -> None:
         self._position = 0.0
 
     def describe(self) -> Facts:
         return Facts("Toy", SIMPLE, (JointFacts(JOINT, limits=Limits(-1.0, 1.0, 2.0, 3.0)),))
+
+    def components(self) -> Sequence[Component]:
+        return (Hand(),)
 
     def read(self, now_s: float) -> Reading:
         return Reading((self._position,), (0.0,), (0.0,))
@@ -58,14 +73,23 @@ class Witnessed:
         """Return the reply of the agent to a command."""
         command = decode(payload, Command)
         assert isinstance(command.motion, Move)
+        return self._judged(command.id, command.motion.targets[JOINT], partial(self.agent.handle, payload))
+
+    def handle_operate(self, payload: bytes) -> bytes:
+        """Return the reply of the agent to a request to its component."""
+        operate = decode(payload, Operate)
+        target: float = json.loads(bytes(operate.input))["at"]
+        return self._judged(operate.id, target, partial(self.agent.handle_operate, payload))
+
+    def _judged(self, id: str, target: float, judge: Callable[[], bytes]) -> bytes:
         came_ns = self._history.now_ns()
-        said = self.agent.handle(payload)
+        said = judge()
         reply = decode_reply(said)
         if isinstance(reply, Accepted):
-            self._history.happened("command", command.id, "ran", came_ns)
-            self._ran(command.id, command.motion.targets[JOINT], came_ns)
+            self._history.happened("command", id, "ran", came_ns)
+            self._ran(id, target, came_ns)
         word = reply.code if isinstance(reply, Refused) else "accepted"
-        self._history.happened("command", command.id, "send", came_ns, is_=word)
+        self._history.happened("command", id, "send", came_ns, is_=word)
         return said
 
 
@@ -95,8 +119,9 @@ class Toy(Witnessed):
             self.agent.tick(self)
             await asyncio.sleep(_TICK_S)
 
-    def take(self, command: Command) -> Reply:
-        return decode_reply(self.handle(encode(command)))
+    def take(self, command: Command | Operate) -> Reply:
+        handle = self.handle if isinstance(command, Command) else self.handle_operate
+        return decode_reply(handle(encode(command)))
 
     def stop(self, stop: Stop) -> Reply:
         return decode_reply(self.agent.handle_stop(encode(stop)))
@@ -113,6 +138,12 @@ class Toy(Witnessed):
     def publish_condition(self, payload: bytes) -> None:
         """Ignore it."""
 
+    def publish_values(self, payload: bytes) -> None:
+        """Ignore it."""
+
+    def publish_event(self, payload: bytes) -> None:
+        """Ignore it."""
+
     def publish_progress(self, payload: bytes, final: bool) -> None:
         progress, loop = decode(payload, Progress), asyncio.get_running_loop()
         for live, context in self._gateways.items():
@@ -126,7 +157,7 @@ class LossyLink:
         self._robots, self._draws = robots, draws
         self._late: set[asyncio.Task[None]] = set()
 
-    async def command(self, robot: str, command: Command, timeout_s: float) -> Reply:
+    async def command(self, robot: str, command: Command | Operate, timeout_s: float) -> Reply:
         await asyncio.sleep(0)
         draw = self._draws.random()
         if draw < _LOST:
@@ -140,7 +171,7 @@ class LossyLink:
             raise NoAnswer("its answer was lost")
         return reply
 
-    async def _again(self, robot: str, command: Command) -> None:
+    async def _again(self, robot: str, command: Command | Operate) -> None:
         await asyncio.sleep(self._draws.random() * _AWAY_S)
         self._robots[robot].take(command)
 
