@@ -65,7 +65,9 @@ _HEAVY = ("asyncio", "starlette", "zenoh", "redis", "httpx", "websockets", "prom
 _CORE = ("api", "serving", "app", "http", "actions", "subscriptions", "link", "server", "runtime")
 
 
-@pytest.mark.parametrize("module", ["query.worker", "reach.can_reach", "world.check_process", "world.worker"])
+@pytest.mark.parametrize(
+    "module", ["query.worker", "components.copier", "reach.can_reach", "world.check_process", "world.worker"]
+)
 def test_worker_processes_load_neither_http_nor_zenoh(module: str) -> None:
     name = f"linked_fleet_gateway.extensions.{module}"
     done = subprocess.run(

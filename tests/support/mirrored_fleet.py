@@ -5,10 +5,11 @@ from collections.abc import Sequence
 
 from fake_robots import joint, link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
-from linked_fleet_agent.wire.messages import Base, Description, State
+from linked_fleet_agent.wire.messages import Base, State
 from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror
-from linked_fleet_gateway.extensions.query.messages import QueryRequest, decode_ask, encode
+from linked_fleet_gateway.extensions.query.messages import News, QueryRequest, decode_ask, encode
 from linked_fleet_gateway.extensions.query.process import Feed
+from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Vanished
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
@@ -29,11 +30,13 @@ class MirroredFleet:
         self._feed = Feed(self.fleet, self.invocations, lambda robot, path: [])
         self._sequence = 0
 
-    def describe(self, name: str, run: int = 1, *, floating: bool = False, annotations: str = "") -> None:
-        said = Description(
+    def describe(
+        self, name: str, run: int = 1, *, floating: bool = False, annotations: str = "", components: bytes = b"[]"
+    ) -> None:
+        said = DescriptionAndComponents(
             version=1, robot=name, incarnation=run, title=f"The {name}", urdf=URDF, joints=JOINTS, rate_hz=100,
             base="floating" if floating else "fixed", capabilities=("move", "stop"), annotations=annotations,
-            layout=layout(len(JOINTS), floating),
+            layout=layout(len(JOINTS), floating), components=components,
         )  # fmt: skip
         self.fleet.apply(Appeared(name, run), 1)
         self.fleet.apply(Described(said), 1)
@@ -49,9 +52,13 @@ class MirroredFleet:
     def leave(self, name: str, run: int = 1) -> None:
         self.fleet.apply(Vanished(name, run), 2)
 
+    def news(self) -> News:
+        """Return what the next query sends."""
+        return self._feed.news()
+
     def bring(self) -> Mirror:
         ask = QueryRequest(
-            news=self._feed.news(), query="", base="", base_iri="", patterns=("*",), caller="", default=None,
+            news=self.news(), query="", base="", base_iri="", patterns=("*",), caller="", default=None,
             named=None, branches=[], invocations=self._feed.fleet_invocations(), graphs=[], media_type="",
             most_bytes=1, limit_s=1.0,
         )  # fmt: skip

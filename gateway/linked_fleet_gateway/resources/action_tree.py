@@ -22,8 +22,7 @@ from linked_fleet_gateway.resources.invocation import (
     describe_invocations,
     invocation_path,
 )
-from linked_fleet_gateway.resources.part import RobotPart, parts_of
-from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_gateway.resources.part import part_of
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
@@ -56,8 +55,6 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         others = {id: other for id in ids if (other := invocations.get(id)) is not None}
         answers, unchecked = invocations.answers(invocation), invocations.unchecked(invocation)
         describe_invocation(graph, base, robot, invocation, others, answers, unchecked)
-        if robot is not None and (part := _part_of(robot, invocation)) is not None:
-            part.describe_outcome(graph, NamedNode(base + path), base, invocation)
 
     path = invocation_path(invocation)
     resource = Resource(
@@ -69,7 +66,7 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         affords=EndInvocation(invocation, keep_record=False),
     )
     resource = add_plain_json(resource, LF.InvocationShape, base)
-    part = None if robot is None else _part_of(robot, invocation)
+    part = None if robot is None else part_of(robot, invocation)
     if part is None or not (invocation.outcome or invocation.feedback):
         return resource
     write = resource.documents[JSON]
@@ -94,12 +91,6 @@ def _facts(invocation: Invocation) -> tuple[object, ...]:
         invocation.feedback,
         invocation.outcome,
     )
-
-
-def _part_of(robot: Robot, invocation: Invocation) -> RobotPart | None:
-    """Return the part of a robot whose action it is, if that is neither joint nor link."""
-    segment = invocation.action.removeprefix(robot_path(robot.name)).partition("/actions/")[0]
-    return parts_of(robot).get(segment)
 
 
 def _action(offer: Offer, source: Source, base: str) -> Resource:

@@ -13,6 +13,7 @@ from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, Node, Unit, number, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PROV, RDFS, SOSA
 from linked_fleet_gateway.resources.joint_kinds import kind_of
+from linked_fleet_gateway.resources.part import part_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 
 STATES = {
@@ -83,6 +84,8 @@ def describe_invocation(
         graph.add(iri, SOSA.actsOnProperty, *_moved(base, robot, invocation.targets))
         describe_positions(graph, iri, LF.target, base, robot, invocation.targets)
         describe_positions(graph, iri, LF.result, base, robot, invocation.result)
+        if (part := part_of(robot, invocation)) is not None:
+            part.describe_outcome(graph, iri, base, invocation)
     describe_unchecked(graph, iri, base, unchecked)
     for name, answer in sorted(answers.items()):
         node = graph.blank()

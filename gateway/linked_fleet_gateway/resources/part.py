@@ -1,7 +1,7 @@
 """Parts of robots that extensions add beside joints and links, such as components (paper 5.1)."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from pyoxigraph import NamedNode
 
@@ -9,7 +9,30 @@ from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.property import Property
+from linked_fleet_gateway.resources.paths import robot_path
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.resources.property import Property
+
+
+class PartCopier(Protocol):
+    """Copies the parts of robots to processes that hear no robot, such as that of queries."""
+
+    @staticmethod
+    def version(robot: Robot) -> object:
+        """Return what differs after each change of the values of its parts."""
+
+    @staticmethod
+    def write(robot: Robot) -> bytes:
+        """Return the values of its parts."""
+
+    @staticmethod
+    def make(robot: Robot) -> "Mapping[str, RobotPart]":
+        """Return the parts of the copy of a robot, from its description."""
+
+    @staticmethod
+    def read(robot: Robot, values: bytes) -> None:
+        """Give the parts of the copy of a robot the values that ``write`` has returned."""
 
 
 class RobotPart(Protocol):
@@ -39,7 +62,11 @@ class RobotPart(Protocol):
     def offers(self) -> Mapping[str, Offer]:
         """Its actions by segment."""
 
-    def properties(self, base: str) -> Sequence[Property]:
+    @property
+    def copier(self) -> type[PartCopier]:
+        """The class that copies all parts of its robot. Its module is imported by other processes too."""
+
+    def properties(self, base: str) -> "Sequence[Property]":
         """Return its properties under a base URL."""
 
     def facts(self) -> object:
@@ -61,3 +88,9 @@ class RobotPart(Protocol):
 def parts_of(robot: Robot) -> Mapping[str, RobotPart]:
     """Return the parts that extensions have added to a robot, by segment."""
     return robot.parts
+
+
+def part_of(robot: Robot, invocation: Invocation) -> RobotPart | None:
+    """Return the part of a robot whose action it is, if that is neither joint nor link."""
+    segment = invocation.action.removeprefix(robot_path(robot.name)).partition("/actions/")[0]
+    return parts_of(robot).get(segment)

@@ -6,15 +6,14 @@ import msgspec
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.schema import Schema
-from linked_fleet_gateway.api import Graph, Property, integer, timestamp
 from linked_fleet_gateway.extensions.components.declarations import CompiledEvent, CompiledProperty
 from linked_fleet_gateway.extensions.components.shapes import SH
 from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.extensions.components.units import declared_unit
 from linked_fleet_gateway.extensions.components.values import add_value
-from linked_fleet_gateway.faces import DeclaredForm, Json, Measurement, Offer
+from linked_fleet_gateway.faces import DeclaredForm, Json, Measurement, Offer, Property
 from linked_fleet_gateway.fleet.observation import Observation
-from linked_fleet_gateway.rdf.graph import moment
+from linked_fleet_gateway.rdf.graph import Graph, integer, moment, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, SOSA, XSD
 
 if TYPE_CHECKING:

@@ -9,20 +9,24 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Action
 from linked_fleet_agent.wire.keys import escape
-from linked_fleet_gateway.api import ActionRequest, BadRequest, Body, Graph, Motion, Right, UnprocessableContent
-from linked_fleet_gateway.base.errors import PayloadTooLarge
+from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.components.declarations import Input
 from linked_fleet_gateway.extensions.components.items import schema_json
 from linked_fleet_gateway.extensions.components.shapes import ShapeWriter
 from linked_fleet_gateway.extensions.components.terms import LF
-from linked_fleet_gateway.faces import ActionDefinition, DeclaredForm, Form, Offer
-from linked_fleet_gateway.rdf.graph import SECOND, Node
+from linked_fleet_gateway.faces import ActionDefinition, Body, DeclaredForm, Form, Offer, Right
+from linked_fleet_gateway.rdf.graph import SECOND, Graph, Node
 from linked_fleet_gateway.rdf.validation import find_root, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, METHODS
-from linked_fleet_gateway.serving import Act
 
 if TYPE_CHECKING:
+    from linked_fleet_gateway.api import ActionRequest, Motion
+    from linked_fleet_gateway.extensions.components import plans
     from linked_fleet_gateway.extensions.components.part import ComponentPart
+else:
+    # Processes that only describe components load neither HTTP nor Zenoh.
+    plans = LazyModule("linked_fleet_gateway.extensions.components.plans")
 
 
 _RESET = LF.extended("ResetProtectiveStop").ResetProtectiveStop
@@ -162,19 +166,6 @@ class ComponentOffer(Offer):
         return InputBody(triples, focus, value)
 
 
-def _plan(offer: ComponentOffer, request: ActionRequest) -> Motion:
-    value = request.body.value if isinstance(request.body, InputBody) else {}
-    declared = offer.declared
-    act = Act(
-        offer.part.name,
-        msgspec.json.encode(value),
-        offer.of_action,
-        offer.of_property,
-        () if declared is None else declared.moves,
-    )
-    return Motion(request.required_robot(), act, {}, request.required_time())
-
-
 def offers_of(part: "ComponentPart") -> Mapping[str, Offer]:
     """Return the actions of a component by segment; a property that can be set has one of its own name."""
     declared = part.declared
@@ -217,8 +208,8 @@ def _offer(
     )
     offer: ComponentOffer
 
-    def handle(request: ActionRequest) -> Motion:
-        return _plan(offer, request)
+    def handle(request: "ActionRequest") -> "Motion":
+        return plans.plan(offer, request)
 
     offer = ComponentOffer(
         definition, part.path, part.robot, handler=handle, part=part, of_action=of_action, of_property=of_property

@@ -1,6 +1,6 @@
 """A component as a part of its robot: its description, properties, events and actions."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property, lru_cache
 from typing import Any
 
@@ -10,7 +10,6 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_agent.wire.components import BASE, Component
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.kinds import KINDS
-from linked_fleet_gateway.api import Invocation, Property, Robot, RobotModel, joint_path, link_path, robot_path
 from linked_fleet_gateway.extensions.components.declarations import CompiledComponent, compile_declarations
 from linked_fleet_gateway.extensions.components.items import event_item, property_item
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer, offers_of
@@ -18,7 +17,10 @@ from linked_fleet_gateway.extensions.components.places import vocabulary_iri
 from linked_fleet_gateway.extensions.components.state import ComponentState, RobotState
 from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.extensions.components.values import add_members, add_value
-from linked_fleet_gateway.faces import Offer, part_path
+from linked_fleet_gateway.faces import Offer, PartCopier, Property, joint_path, link_path, part_path, robot_path
+from linked_fleet_gateway.fleet.invocation import Invocation
+from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import HERTZ, SECOND, Graph
 from linked_fleet_gateway.rdf.vocabulary import RDF, RDFS, SOSA
 
@@ -34,7 +36,7 @@ class ComponentPart:
 
     def __init__(self, robot: Robot, model: RobotModel, state: RobotState, name: str) -> None:
         self.robot, self.name = robot, name
-        self._model, self._whole = model, state
+        self._model, self.whole = model, state
         self.path = part_path(robot.name, model, name)
         self.segment = self.path.rpartition("/")[2]
         self.offers: Mapping[str, Offer] = offers_of(self)
@@ -43,11 +45,17 @@ class ComponentPart:
 
     @property
     def state(self) -> ComponentState:
-        return self._whole.components[self.name]
+        return self.whole.components[self.name]
 
     @property
     def declared(self) -> Component:
         return self.state.declared
+
+    @property
+    def copier(self) -> type[PartCopier]:
+        from linked_fleet_gateway.extensions.components.copier import ComponentCopier
+
+        return ComponentCopier
 
     @property
     def title(self) -> str:
@@ -76,7 +84,7 @@ class ComponentPart:
     @property
     def is_current(self) -> bool:
         """True if the values are those of the present run of the agent."""
-        return self._whole.incarnation == self.robot.incarnation
+        return self.whole.incarnation == self.robot.incarnation
 
     def _compile(self, base: str) -> CompiledComponent:
         return compile_declarations([self.declared], base + robot_path(self.robot.name)).components[self.name]
@@ -155,3 +163,11 @@ class ComponentPart:
 def title_of(name: str, title: str, part: ComponentPart) -> str:
     """Return the title of an item of a component."""
     return f"{title or name} of {part.title}"
+
+
+def parts_from(
+    robot: Robot, model: RobotModel, components: Iterable[Component], state: RobotState
+) -> dict[str, ComponentPart]:
+    """Return the components of a robot by segment."""
+    parts = (ComponentPart(robot, model, state, each.name) for each in components)
+    return {each.segment: each for each in parts}

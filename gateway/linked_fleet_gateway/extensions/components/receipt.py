@@ -11,13 +11,12 @@ from dataclasses import dataclass
 
 from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.components import (
-    Component,
     Occurrence,
     Values,
     read_declarations,
 )
 from linked_fleet_gateway.api import Core, Robot, RobotModel, cancel_tasks
-from linked_fleet_gateway.extensions.components.part import ComponentPart
+from linked_fleet_gateway.extensions.components.part import ComponentPart, parts_from
 from linked_fleet_gateway.extensions.components.state import Change, RobotState
 from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
 from linked_fleet_gateway.serving import NoAnswer
@@ -93,7 +92,7 @@ class Receipt:
         if robot.model is not model or robot.incarnation is None:
             return  # it has described itself anew meanwhile
         state = RobotState(components, robot.incarnation)
-        parts = _parts(robot, model, components, state)
+        parts = parts_from(robot, model, components, state)
         self._known[robot.name] = _Known(source, state, parts)
         for sentence in refused:
             self._core.reject(robot.name, sentence)
@@ -159,13 +158,6 @@ class Receipt:
                 continue
             if frame.incarnation == known.state.incarnation:
                 self._tell(name, known, list(known.state.expire(frame.monotonic_ns)), ())
-
-
-def _parts(
-    robot: Robot, model: RobotModel, components: Iterable[Component], state: RobotState
-) -> dict[str, ComponentPart]:
-    parts = (ComponentPart(robot, model, state, each.name) for each in components)
-    return {each.segment: each for each in parts}
 
 
 def _paths(parts: dict[str, ComponentPart], component: str, item: str) -> list[str]:

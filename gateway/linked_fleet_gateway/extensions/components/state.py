@@ -90,6 +90,13 @@ class ComponentState:
             self.observations[name] = Observation((math.nan if value is None else float(value),), wall_ns, sequence)
         return True
 
+    def assume(self, values: Mapping[str, tuple[Any, int]], events: Mapping[str, Happened], fault: str) -> None:
+        """Take the values, each with its time, the events and the fault of another copy of this component."""
+        for name, (value, wall_ns) in values.items():
+            if name in self.declared.properties and (self.times_ns.get(name) != wall_ns or self.value(name) != value):
+                self._set(name, value, 0, wall_ns)
+        self.events, self.fault = dict(events), fault
+
     def expire(self, sequence: int) -> list[str]:
         """Make all values unknown. Return the names of those that were known."""
         known = [name for name, value in self.values.items() if value is not None]
@@ -109,6 +116,8 @@ class RobotState:
         """The ``sequence`` of the last message with values; None before the first one."""
         self.complete = False
         """False if a message was missed, until all values have been asked for."""
+        self.changes = 0
+        """Number of times at which something has changed in this run."""
 
     def restart(self, incarnation: int) -> None:
         """Forget all values, because the agent runs anew."""
@@ -141,6 +150,7 @@ class RobotState:
             changed, problems = state.measure(measured, sequence, wall_ns)
             changes += [(name, each) for each in changed]
             refused += problems
+        self.changes += bool(changes)
         return changes, refused
 
     def happen(self, said: Occurrence) -> Change | None:
@@ -157,6 +167,7 @@ class RobotState:
             data, problem = read_value(declared.data, said.data, MAX_EVENT_BYTES)
         if problem:
             raise WireError(f"the data of event {said.event!r} of component {said.component!r} are refused: {problem}")
+        self.changes += 1
         state.events[said.event] = Happened(1 if before is None else before.count + 1, said.wall_ns, data)
         return said.component, said.event
 
@@ -164,4 +175,5 @@ class RobotState:
         """Make the values unknown of which nothing was heard for too long; ``now_ns`` by the clock of the agent."""
         for name, state in self.components.items():
             if not state.stale and state.values and now_ns - state.at_ns > state.declared.stale_s * 1e9:
+                self.changes += 1
                 yield from ((name, each) for each in (*state.expire(self.sequence or 0), ""))

@@ -1,11 +1,13 @@
 """A copy of the fleet in the query process, rebuilt from messages of the gateway (``messages.News``)."""
 
 import logging
+from pkgutil import resolve_name
 
 import msgspec
 
 from linked_fleet_agent.wire.codec import encode_state, read_header
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, Member, News, RobotFacts
+from linked_fleet_gateway.faces import PartCopier
 from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -14,13 +16,18 @@ log = logging.getLogger(__name__)
 
 
 class MirroredRobot:
-    """One robot with its invocations. ``said`` counts changes without a frame, ``seen`` its frames."""
+    """One robot with its invocations.
+
+    ``said`` counts changes without a frame, ``seen`` its frames, ``valued`` changes of values of parts.
+    """
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
         self.branches: list[Member] = []
         self.invocations: list[Invocation] = []
-        self.said = self.seen = 0
+        self.copier_name = ""
+        self.copier: type[PartCopier] | None = None
+        self.said = self.seen = self.valued = 0
 
     @property
     def tasks(self) -> list[Invocation]:
@@ -46,6 +53,8 @@ class Mirror:
             self.robots.pop(name, None)
         for name, frame in news.frames.items():
             _show(self.robots[name], frame)
+        for name, values in news.values.items():
+            _give(self.robots[name], values)
 
     def assume(self, instead: HypotheticalRobot) -> None:
         """Replace a robot's state by a hypothetical one; only for a forked copy that gets no further news."""
@@ -68,7 +77,7 @@ class Mirror:
 
 
 def _tell(held: MirroredRobot, said: RobotFacts) -> None:
-    robot = held.robot
+    robot, described = held.robot, held.robot.description
     if said.incarnation is not None and said.incarnation != robot.incarnation:
         robot.start_run(said.incarnation)
     if said.description is None:
@@ -76,12 +85,27 @@ def _tell(held: MirroredRobot, said: RobotFacts) -> None:
             robot.reject_description(said.fault)
     elif said.description != robot.description:
         robot.describe(said.description)
+    if said.copier != held.copier_name or robot.description is not described:
+        _make_parts(held, said.copier)
+    robot.findings = said.findings
     robot.online, robot.heard_ns, robot.lease = said.online, said.last_seen_ns, said.lease
     robot.limit_fault, robot.unchecked = said.limit_fault, said.unchecked
     robot.agent_fault, robot.sensor_faults = said.agent_fault, said.sensor_faults
     robot.settings, robot.targets = said.settings, said.targets
     held.branches, held.invocations = said.branches, said.invocations
     held.said += 1
+
+
+def _make_parts(held: MirroredRobot, copier: str) -> None:
+    held.copier_name = copier
+    held.copier = resolve_name(copier) if copier else None
+    held.robot.parts = {} if held.copier is None else held.copier.make(held.robot)
+
+
+def _give(held: MirroredRobot, values: bytes) -> None:
+    assert held.copier is not None
+    held.copier.read(held.robot, values)
+    held.valued += 1
 
 
 def _show(held: MirroredRobot, frame: bytes | None) -> None:

@@ -12,9 +12,9 @@ from typing import Any, Literal
 import msgspec
 from msgspec import Struct
 
-from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.base.contributions import Contributions, present
 from linked_fleet_gateway.faces import Reader
+from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
@@ -32,7 +32,7 @@ class RobotFacts(Struct, frozen=True, kw_only=True):
     name: str
     online: bool
     incarnation: int | None
-    description: Description | None
+    description: DescriptionAndComponents | None
     fault: str | None
     limit_fault: str | None
     agent_fault: str
@@ -44,6 +44,9 @@ class RobotFacts(Struct, frozen=True, kw_only=True):
     targets: dict[str, float]
     branches: list[Member]
     invocations: list[Invocation]
+    copier: str = ""
+    """The class (``module:name``) that copies parts beside joints and links; empty if there are none."""
+    findings: tuple[str, ...] = ()
 
 
 Measured = tuple[float, float, float]
@@ -65,12 +68,14 @@ class HypotheticalRobot(Struct, frozen=True, kw_only=True):
 class News(Struct, frozen=True, kw_only=True):
     """Changes since the previous query: robots, and frames by robot (None for a robot without one).
 
-    ``forgotten`` are robots that the fleet no longer has.
+    ``values`` are those of parts beside joints and links, by robot. ``forgotten`` are robots that the fleet no longer
+    has.
     """
 
     robots: list[RobotFacts]
     frames: dict[str, bytes | None]
     forgotten: list[str] = []
+    values: dict[str, bytes] = {}
 
 
 class QueryRequest(Struct, frozen=True, kw_only=True):
@@ -184,7 +189,12 @@ def contributions() -> str:
 
 
 def _names(objects: Iterable[Any]) -> list[str]:
-    return [f"{each.__module__}:{each.__qualname__}" for each in objects]
+    return [name_of(each) for each in objects]
+
+
+def name_of(each: Any) -> str:
+    """Return the name by which the query process finds a function or class."""
+    return f"{each.__module__}:{each.__qualname__}"
 
 
 def decode_contributions(text: str) -> Contributions:

@@ -28,8 +28,10 @@ from linked_fleet_gateway.extensions.query.messages import (
     contributions,
     decode_refusal,
     encode,
+    name_of,
 )
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly, ResultTooLarge
+from linked_fleet_gateway.faces import PartCopier, parts_of
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
 from linked_fleet_gateway.fleet.robot import Robot
@@ -60,10 +62,11 @@ class Feed:
         self._fleet, self._invocations, self._links = fleet, invocations, links
         self._said: dict[str, tuple[object, ...]] = {}
         self._frames: dict[str, bytes | None] = {}
+        self._values: dict[str, object] = {}
 
     def news(self) -> News:
         """Return the changes since the last call."""
-        robots, frames = [], {}
+        robots, frames, values = [], {}, {}
         for name, robot in self._fleet.robots.items():
             invocations = recent_invocations(self._invocations, name)
             branches = self._links(robot, robot_path(name))
@@ -73,11 +76,17 @@ class Feed:
                 robots.append(_said(robot, invocations, [(term.value, path) for term, path in branches]))
             if (frame := robot.payload) is not self._frames.get(name):
                 frames[name] = self._frames[name] = frame
+            if (copier := _copier(robot)) is not None:
+                # Whoever is told about a robot may make its parts anew, without values.
+                version, is_told = copier.version(robot), bool(robots) and robots[-1].name == name
+                if is_told or version != self._values.get(name):
+                    self._values[name], values[name] = version, copier.write(robot)
         forgotten = list(self._said.keys() - set(self._fleet.robots))
         for name in forgotten:
             del self._said[name]
             self._frames.pop(name, None)
-        return News(robots=robots, frames=frames, forgotten=forgotten)
+            self._values.pop(name, None)
+        return News(robots=robots, frames=frames, forgotten=forgotten, values=values)
 
     def fleet_invocations(self) -> list[Invocation]:
         """Return the invocations of the whole fleet."""
@@ -92,7 +101,10 @@ def recent_invocations(invocations: Invocations, robot: str) -> list[Invocation]
 
 def _key(robot: Robot, invocations: list[Invocation], branches: object) -> tuple[object, ...]:
     """Return a key that changes whenever anything but a frame changes."""
-    known = [(one.id, one.state, one.progress, one.reason, one.ended_ns, one.preempted_by) for one in invocations]
+    known = [
+        (one.id, one.state, one.progress, one.reason, one.ended_ns, one.preempted_by, one.feedback, one.outcome)
+        for one in invocations
+    ]
     said = robot.online, robot.incarnation, robot.news, robot.description, robot.fault
     return *said, robot.lease, robot.settings, dict(robot.targets), known, branches
 
@@ -102,7 +114,7 @@ def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -
         name=robot.name,
         online=robot.online,
         incarnation=robot.incarnation,
-        description=robot.description,
+        description=robot.description,  # type: ignore[arg-type]  # without components it is decoded as one with none
         fault=robot.fault,
         limit_fault=robot.limit_fault,
         agent_fault=robot.agent_fault,
@@ -114,7 +126,14 @@ def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -
         targets=robot.targets,
         branches=branches,
         invocations=invocations,
+        copier="" if (copier := _copier(robot)) is None else name_of(copier),
+        findings=robot.findings,
     )
+
+
+def _copier(robot: Robot) -> type[PartCopier] | None:
+    part = next(iter(parts_of(robot).values()), None)
+    return None if part is None else part.copier
 
 
 class QueryProcess:

@@ -4,7 +4,7 @@ It contains the statements that ``resources`` serves, each value once, in the gr
 only on a description are written when that changes; measured values are written when they move.
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -17,6 +17,7 @@ from linked_fleet_gateway.faces import (
     Describer,
     Measurement,
     Property,
+    RobotPart,
     describe_invocation,
     describe_lease,
     describe_terms,
@@ -24,6 +25,7 @@ from linked_fleet_gateway.faces import (
     joint_path,
     last_frame,
     link_path,
+    parts_of,
     robot_of,
     robot_path,
     run_steps,
@@ -64,12 +66,15 @@ class StaticDescriber(Describer):
     def _properties(
         self, graph: Graph, owner: str, items: Sequence[Property], measurements: Sequence[Measurement] | None = None
     ) -> None:
-        self.measured += [(owner, item) for item in items if item.is_measured]
+        self.measured += [(owner, item) for item in items if self._is_apart(item)]
         super()._properties(graph, owner, items)
 
     def _property(self, graph: Graph, iri: NamedNode, owner: NamedNode, item: Property, seen: Measurement) -> None:
-        if not item.is_measured:
+        if not self._is_apart(item):
             super()._property(graph, iri, owner, item, seen)
+
+    def _is_apart(self, item: Property) -> bool:
+        return item.is_measured
 
     def _last_frame(self, graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         pass
@@ -83,12 +88,19 @@ class StaticDescriber(Describer):
         super()._last_frame(graph, iri, Measurement.from_observations(last_frame(robot)))
 
 
+class PartDescriber(StaticDescriber):
+    """Describes parts beside joints and links without their properties, all of which may change at any time."""
+
+    def _is_apart(self, item: Property) -> bool:
+        return True
+
+
 class _Value:
-    """The last written statements of a measured value."""
+    """The last written statements of a value."""
 
     def __init__(self, owner: str, item: Property, prefix: str) -> None:
         self.owner, self.item, self.prefix = owner, item, prefix
-        self.seen: Measurement | None = None
+        self.seen: object = None
         self.triples: list[Triple] = []
 
 
@@ -106,9 +118,10 @@ class _Robot:
     def __init__(self, graph: NamedNode, held: MirroredRobot) -> None:
         self.graph, self.held = graph, held
         self.basis: object = None
-        self.said = self.seen = -1
+        self.said = self.seen = self.valued = -1
         self.documents: dict[str, _Document] = {}
         self.values: dict[str, list[_Value]] = {}
+        self.values_of_parts: dict[str, list[_Value]] = {}
         self.fault = ""
 
 
@@ -147,13 +160,16 @@ class RdfMirror:
             with self._faults.guard(_PART, name):
                 self._update_robot(known, held)
             self._note_fault(known, self._faults.find(_PART, name))
-            known.said, known.seen = held.said, held.seen
+            known.said, known.seen, known.valued = held.said, held.seen, held.valued
 
     def _update_robot(self, known: _Robot, held: MirroredRobot) -> None:
         if known.said != held.said or known.fault:
             self._tell(known, held)
-        elif known.seen != held.seen:
+            return
+        if known.seen != held.seen:
             self._measure(known, held)
+        if known.valued != held.valued:
+            self._write_other_parts(known, held.robot)
 
     def _note_fault(self, known: _Robot, reason: str) -> None:
         """State the reason why a robot is described in part only."""
@@ -168,13 +184,15 @@ class RdfMirror:
     def _tell(self, known: _Robot, held: MirroredRobot) -> None:
         robot = held.robot
         # Documents overlap in their statements about parts, so none is removed while the parts are the same.
-        basis = (robot.description, robot.model is None, robot.title)
+        basis = (robot.description, robot.model is None, robot.title, robot.parts)
         if basis != known.basis:
             self.store.remove_graph(known.graph)
-            known.documents, known.values, known.basis, known.fault = {}, {}, basis, ""
+            known.documents, known.values, known.values_of_parts = {}, {}, {}
+            known.basis, known.fault = basis, ""
         self._write_robot(known, held)
         if robot.model is not None:
             self._write_parts(known, robot)
+            self._write_other_parts(known, robot)
         self._measure(known, held)
 
     def _write_robot(self, known: _Robot, held: MirroredRobot) -> None:
@@ -205,13 +223,24 @@ class RdfMirror:
 
     def _write_parts(self, known: _Robot, robot: Robot) -> None:
         assert robot.model is not None
-        common = (robot.online, None if robot.online else robot.last_seen_ns, robot.fault, robot.annotations)
+        common = _common(robot)
         for joint in robot.model.joints.values():
             path, key = joint_path(robot.name, joint.name), (*common, robot.targets.get(joint.name))
             self._write(known, path, key, partial(_joint, robot, joint))
         for link in robot.model.links.values():
             path = link_path(robot.name, robot.model, link.name)
             self._write(known, path, common, partial(_link, robot, link))
+
+    def _write_other_parts(self, known: _Robot, robot: Robot) -> None:
+        """Write what has changed in parts beside joints and links, and their values."""
+        if robot.model is None:
+            return
+        for part in parts_of(robot).values():
+            if part.path not in known.values_of_parts:
+                items = part.properties(self.base)
+                known.values_of_parts[part.path] = [_Value(part.path, item, self._fresh()) for item in items]
+            self._write(known, part.path, (*_common(robot), part.facts()), partial(_part, part))
+        self._look_at(known, known.values_of_parts)
 
     def _write(self, known: _Robot, name: str, key: object, describe: Callable[[StaticDescriber, Graph], None]) -> None:
         """Write the document ``name``, unless it was written for the same ``key``; None never matches."""
@@ -231,19 +260,23 @@ class RdfMirror:
         graph = Graph()
         self._say.last_frame(graph, known.graph, held.robot)
         self._replace(known, "/lastFrame", _Document(None, "", graph.triples))
+        self._look_at(known, known.values)
+
+    def _look_at(self, known: _Robot, by_document: Mapping[str, Sequence[_Value]]) -> None:
         old: list[Triple] = []
         new: list[Triple] = []
-        for values in known.values.values():
+        for values in by_document.values():
             for value in values:
                 self._look(value, old, new)
         self._exchange(known.graph, old, new)
 
     def _look(self, value: _Value, old: list[Triple], new: list[Triple]) -> None:
-        seen = Measurement.from_observations(value.item.sample())
+        measurement = Measurement.from_observations(value.item.sample())
+        seen = measurement if value.item.is_measured else value.item.facts()
         if seen == value.seen:
             return
         graph = LabelledGraph(value.prefix)
-        self._say.value(graph, value.owner, value.item, seen)
+        self._say.value(graph, value.owner, value.item, measurement)
         if len(graph.triples) == len(value.triples):
             for before, after in zip(value.triples, graph.triples, strict=True):
                 if before != after:
@@ -288,3 +321,12 @@ def _joint(robot: Robot, joint: Joint, say: StaticDescriber, graph: Graph) -> No
 
 def _link(robot: Robot, link: Link, say: StaticDescriber, graph: Graph) -> None:
     say.link(robot, link, graph)
+
+
+def _part(part: RobotPart, say: StaticDescriber, graph: Graph) -> None:
+    PartDescriber(say.base).part(part, part.properties(say.base), graph)
+
+
+def _common(robot: Robot) -> tuple[object, ...]:
+    """Return the facts about a robot that the descriptions of its parts state."""
+    return robot.online, None if robot.online else robot.last_seen_ns, robot.fault, robot.annotations
