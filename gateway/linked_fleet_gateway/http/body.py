@@ -11,7 +11,7 @@ from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, Unsupp
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import parse_content_type
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.http.scheduling import Offload
+from linked_fleet_gateway.http.scheduling import LONG_BYTES, Offload
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.affordance import BODY_TYPES
@@ -34,14 +34,16 @@ def body_type(request: Request, accepted: Sequence[str] = BODY_TYPES) -> str:
     return media_type
 
 
-async def convert_body(request: Request, convert: Callable[[bytes], T], max_bytes: int = MAX_BODY_BYTES) -> T:
-    """Apply ``convert`` to the whole body, in a thread unless it is short.
+async def convert_body(
+    request: Request, convert: Callable[[bytes], T], max_bytes: int = MAX_BODY_BYTES, *, is_slow: bool = False
+) -> T:
+    """Apply ``convert`` to the whole body, in a thread unless it is short and ``convert`` is not slow.
 
     Raises PayloadTooLarge, Busy, errors of ``convert``.
     """
     offload: Offload = request.services.offload
     content = await read_body(request, max_bytes)
-    return await offload.run(partial(convert, content), len(content))
+    return await offload.run(partial(convert, content), LONG_BYTES if is_slow else len(content))
 
 
 def parse_body(

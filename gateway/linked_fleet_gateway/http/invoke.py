@@ -79,7 +79,8 @@ async def invoke(request: Request, affordance: Invoke) -> Response:
     admitted = _Admitted(b"", empty_body(offer, request.base), "")
     if offer.takes_body and not (offer.body_is_optional and _has_no_body(request)):
         read = partial(_read_input, offer, body_type(request, FORM_TYPES), request.base)
-        admitted = await convert_body(request, read, MAX_BODY_BYTES)
+        slow = offer.first_body_is_slow(request.base)
+        admitted = await convert_body(request, read, MAX_BODY_BYTES, is_slow=slow)
     return await _carry_out(request, offer, admitted, moment, prefer)
 
 
@@ -101,7 +102,8 @@ async def put_target(request: Request, affordance: PutTarget) -> Response:
     present = request.tree().resolve(request.scope["path"])
     seen = ground_statements(present.full_graph(request.base)) if isinstance(present, Resource) else frozenset[Triple]()
     read = partial(_read_target, offer, body_type(request, FORM_TYPES), iri, request.base, seen)
-    admitted = await convert_body(request, read, MAX_BODY_BYTES)
+    slow = offer.first_body_is_slow(request.base)
+    admitted = await convert_body(request, read, MAX_BODY_BYTES, is_slow=slow)
     # Evaluated again, because the target may change while the body is read.
     await resolve_under_preconditions(request, lambda: request.tree().resolve(request.scope["path"]))
     return await _carry_out(request, offer, admitted, moment, prefer)

@@ -83,6 +83,7 @@ class StopPriority:
 
 SHORT_BYTES = 1024
 """Bodies up to this length are processed on the event loop, in a few milliseconds at most."""
+LONG_BYTES = SHORT_BYTES + 1
 MOST_WAITING = 64
 T = TypeVar("T")
 

@@ -187,6 +187,10 @@ class Offer:
         """True if its body is the ``lf:value`` of the property that it sets."""
         return False
 
+    def first_body_is_slow(self, base: str) -> bool:
+        """Return True if the next body takes long even if it is short, because its shape must be compiled before."""
+        return False
+
     def input_form(self, base: str) -> Form | None:
         """Return the form of its body, if that is not the form of its shape."""
         return None

@@ -48,6 +48,11 @@ class Input:
         writer = ShapeWriter(graph)
         (writer.value_shape if self.is_value else writer.object_shape)(node, self.place)
 
+    @property
+    def is_compiled(self) -> bool:
+        """False before ``validator``, which takes up to tens of milliseconds, was first used."""
+        return "validator" in self.__dict__
+
     @cached_property
     def validator(self) -> ShaclValidator:
         graph = Graph()

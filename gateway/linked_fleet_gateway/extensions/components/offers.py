@@ -84,6 +84,9 @@ class ComponentOffer(Offer):
             compiled.properties[self.of_property].input if self.of_property else compiled.actions[self.of_action].input
         )
 
+    def first_body_is_slow(self, base: str) -> bool:
+        return not self.input(base).is_compiled
+
     def describe_at(self, graph: Graph, base: str, thing: str, values: Sequence[Literal]) -> None:
         super().describe_at(graph, base, thing, values)
         iri = NamedNode(base + self.path_at(thing))

@@ -14,6 +14,9 @@ from browser import DCTERMS, HYBRIT, LF, SH, VOM, Browser, Page
 from component_cell import Cell, Colour, Grasped, Piece
 from linked_fleet_client.errors import InvalidInput
 from linked_fleet_client.fleet import Fleet
+from linked_fleet_gateway.extensions.components import declarations
+from linked_fleet_gateway.http.scheduling import SHORT_BYTES, Offload
+from linked_fleet_gateway.rdf.validation import ShaclValidator
 from running import eventually
 from small_fleet import Place, number, whole
 from subscribers import Events, events
@@ -112,6 +115,30 @@ def test_a_value_that_cannot_be_read_is_unknown_with_the_reason(hall: Hall) -> N
     hall.cell.gripper.broken = ""
     hall.until("gripper", "width", 0.08)
     assert hall.page("gripper").graph.value(hall.page("gripper").iri, LF.fault) is None
+
+
+def test_the_shape_of_an_input_is_compiled_once_and_off_the_event_loop(
+    hall: Hall, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also for a short body: a robot declares shapes that take tens of milliseconds."""
+    compiled, in_thread, run = list[bool](), list[bool](), Offload.run
+
+    def compile_it(*arguments: Any) -> ShaclValidator:
+        compiled.append(in_thread[-1])
+        return ShaclValidator(*arguments)
+
+    def offload(self: Offload, work: Any, size: int, *more: int) -> Any:
+        in_thread.append(size > (more or (SHORT_BYTES,))[0])
+        return run(self, work, size, *more)
+
+    monkeypatch.setattr(declarations, "ShaclValidator", compile_it)
+    monkeypatch.setattr(Offload, "run", offload)
+    for force in (20, 21):
+        assert hall.invoke("gripper/actions/grasp", {"force": force}).status_code == 201
+    for on in (True, False):
+        assert hall.browser.http.put(hall.root + "lamp/on", json={"value": on}).status_code == 204
+    assert compiled == [True, True]
+    assert not in_thread[-1], "what is compiled takes a short body on the event loop"
 
 
 def test_an_action_has_feedback_and_a_result(hall: Hall) -> None:
