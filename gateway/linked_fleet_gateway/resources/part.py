@@ -66,6 +66,10 @@ class RobotPart(Protocol):
     def copier(self) -> type[PartCopier]:
         """The class that copies all parts of its robot. Its module is imported by other processes too."""
 
+    @property
+    def battery_percent(self) -> float | None:
+        """The charge of the battery, if it is one whose charge is known."""
+
     def properties(self, base: str) -> "Sequence[Property]":
         """Return its properties under a base URL."""
 

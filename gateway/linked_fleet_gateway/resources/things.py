@@ -1,6 +1,7 @@
 """The resources of the fleet, of robots, joints and links, of their properties, and those that each thing owns."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from decimal import Decimal
 from itertools import chain
 from types import MappingProxyType
 
@@ -20,7 +21,7 @@ from linked_fleet_gateway.resources.branches import Branches, RequestView
 from linked_fleet_gateway.resources.describe import Describer, RobotActivity, last_frame, part_paths
 from linked_fleet_gateway.resources.description import InSteps, MeasuredDescription, run_steps
 from linked_fleet_gateway.resources.invocation import describe_lease, invocation_path
-from linked_fleet_gateway.resources.part import RobotPart
+from linked_fleet_gateway.resources.part import RobotPart, parts_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
@@ -90,7 +91,7 @@ class Things:
         # What frames show counts; before them, as after a restart, the end of the last commanded motion is known.
         moved_ns = self._view.invocations.last_motion_ns(robot.name) if robot.moved_ns is None else robot.moved_ns
         ended_ns = None if robot.moving else moved_ns
-        return RobotActivity(tuple(self._tasks(robot)), ended_ns, battery_charge(robot), robot.moving)
+        return RobotActivity(tuple(self._tasks(robot)), ended_ns, _battery_percent(robot), robot.moving)
 
     def robot(self, robot: Robot) -> Resource:
         """Return a robot, which links its parts, properties and actions."""
@@ -241,6 +242,13 @@ class Things:
         if rest == ["linkset"]:
             return Resource(path, f"Links of {thing.title}", None, (LDP.Resource,), linkset_of=thing)
         return None
+
+
+def _battery_percent(robot: Robot) -> Decimal | None:
+    """Return the lowest charge of its batteries, rounded down to per cent; without one, that of its annotations."""
+    charges = [each.battery_percent for each in parts_of(robot).values()]
+    known = [charge for charge in charges if charge is not None]
+    return Decimal(int(min(known))) if known else battery_charge(robot)
 
 
 def _thing(robot: Robot, properties: Sequence[Property], also: Callable[[], object] = tuple) -> Source:

@@ -27,6 +27,7 @@ from linked_fleet_gateway.rdf.vocabulary import RDF, RDFS, SOSA
 _RESERVED = ("actions", "blueprint", "linkset", "subscriptions")
 """Segments below a component that are no properties of it."""
 _EVENT_MARK = "~event"
+_BATTERY = LF.extended("Battery").Battery.value
 _JSON = RDF.extended("JSON").JSON
 _BASES = 16
 
@@ -65,6 +66,17 @@ class ComponentPart:
     def types(self) -> Sequence[NamedNode]:
         kind = self.declared.semantic_type
         return (LF.Component, NamedNode(kind)) if kind else (LF.Component,)
+
+    @property
+    def is_battery(self) -> bool:
+        return self.declared.semantic_type == _BATTERY
+
+    @property
+    def battery_percent(self) -> float | None:
+        if not self.is_battery or not self.is_current:
+            return None
+        charge = self.state.value("charge")
+        return None if charge is None else float(charge)
 
     @property
     def shapes(self) -> Sequence[NamedNode]:

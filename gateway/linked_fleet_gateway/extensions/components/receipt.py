@@ -7,7 +7,8 @@ for.
 import asyncio
 import logging
 from collections.abc import Coroutine, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.components import (
@@ -36,6 +37,11 @@ class _Known:
     source: tuple[bytes, RobotModel | None, tuple[str, ...]]
     state: RobotState
     parts: dict[str, ComponentPart]
+    charges: list[int | None] = field(default_factory=list)
+
+    @cached_property
+    def batteries(self) -> list[ComponentPart]:
+        return [each for each in self.parts.values() if each.is_battery]
 
 
 class Receipt:
@@ -119,6 +125,15 @@ class Receipt:
             self._core.reject(name, sentence)
         if paths := dict.fromkeys(path for change in changes for path in _paths(known.parts, *change)):
             self._core.mark_values_changed(name, *paths)
+            self._look_at_batteries(known)
+
+    def _look_at_batteries(self, known: _Known) -> None:
+        """Tell the watchers of the fleet, which lists charges in whole per cent, of another one."""
+        charges = [part.battery_percent for part in known.batteries]
+        shown = [None if charge is None else int(charge) for charge in charges]
+        if shown != known.charges:
+            known.charges = shown
+            self._core.mark_changed("/")
 
     def _ask_soon(self, name: str) -> None:
         known = self._known[name]

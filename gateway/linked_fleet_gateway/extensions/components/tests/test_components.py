@@ -12,6 +12,8 @@ from rdflib import RDF, RDFS, Literal, URIRef
 
 from browser import DCTERMS, HYBRIT, LF, SH, VOM, Browser, Page
 from component_cell import Cell, Colour, Grasped, Piece
+from linked_fleet_agent.components import Battery, Charge, PowerSupplyState, value
+from linked_fleet_agent.robots.of_components import RobotOfComponents
 from linked_fleet_client.errors import InvalidInput
 from linked_fleet_client.fleet import Fleet
 from linked_fleet_gateway.extensions.components import declarations
@@ -307,3 +309,30 @@ def test_joints_that_components_alone_move_offer_no_motions(hall: Hall) -> None:
     robot, slide = hall.page(""), hall.page("slide")
     offered = {str(each) for page in (robot, slide) for each in page.graph.objects(page.iri, HYBRIT.action)}
     assert offered == {hall.root + "actions/stop"}
+
+
+def test_the_fleet_lists_the_charge_of_a_battery(hall: Hall) -> None:
+    class Accumulator(Battery, blocking=False, rate_hz=100):
+        left = 81.9
+
+        @value
+        def charge(self) -> Charge:
+            return self.left
+
+        @value
+        def power_supply_state(self) -> PowerSupplyState:
+            return "discharging"
+
+    battery = Accumulator()
+    with serving_robot(hall.place.zenoh, "cart", RobotOfComponents("Cart", battery)):
+        cart = URIRef(hall.place.root + "cart/")
+
+        def listed() -> str:
+            return str(hall.browser.page(hall.place.root).graph.value(cart, LF.batteryCharge))
+
+        eventually(lambda: listed() == "81.0", "the charge in whole per cent")
+        with events(hall.place.root) as told:
+            told.next()
+            battery.left = 64.2
+            while (said := told.next().state.value(cart, LF.batteryCharge)) is None or str(said) != "64.0":
+                pass
