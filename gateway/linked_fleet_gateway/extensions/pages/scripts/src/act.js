@@ -19,11 +19,12 @@ export function start() {
 async function submit(form, button) {
   if (form.getAttribute("aria-busy") === "true") return;
   const asks = form.querySelector("[data-path]") || form.dataset.classes;
-  const body = asks ? read(form) : undefined;
-  if (body === null) {
+  const said = asks ? read(form) : "";
+  if (said === null) {
     answer(form, "error", "Nothing was sent: see the fields that are marked.");
     return;
   }
+  const body = said || undefined; // who may leave all out sends no body: an empty one is a mistake
   const rehearsal = button?.dataset.prefer === "dry-run";
   const method = form.dataset.methods?.split(/\s+/)[0] || "POST";
   const headers = { Prefer: rehearsal ? "dry-run" : "return=representation" };
