@@ -1,0 +1,60 @@
+"""Components on pages, as people use them: a gripper, a tool and a protective stop of simulated robots."""
+
+from collections.abc import Iterator
+
+import pytest
+from playwright.sync_api import Locator, Page, expect
+
+from running import process
+from small_fleet import Place, live
+
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
+
+
+@pytest.fixture(scope="module")
+def panda(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with (
+        place.gateway() as (_, browser),
+        process("-m", "linked_fleet_agent", "--robot=panda", "--connect", place.zenoh),
+    ):
+        live(browser, "panda")
+        yield place.root + "panda/"
+
+
+def do(page: Page, action: str, fill: str = "") -> None:
+    """Open the form of an action on the page of its component, and send it."""
+    details = page.locator(f'details[data-include$="/{action}"]')
+    details.locator("summary").click()
+    if fill:
+        details.locator("input[type=number]").first.fill(fill)
+    details.locator("button[type=submit]:not([data-prefer])").click()
+    expect(page.locator(".task").last).to_contain_text("succeeded", timeout=20_000)
+
+
+def card(page: Page, title: str) -> Locator:
+    return page.locator(".card", has=page.get_by_role("heading", name=title, exact=True))
+
+
+def test_something_is_grasped_held_and_lost(page: Page, watched: object, panda: str) -> None:
+    page.goto(panda + "gripper")
+    do(page, "open")
+    page.goto(panda + "simulation")
+    do(page, "putObject", "0.04")
+    page.goto(panda + "gripper")
+    do(page, "grasp")
+    expect(card(page, "Object held")).to_contain_text("true")
+    page.goto(panda + "simulation")
+    do(page, "takeObject")
+    page.goto(panda + "gripper")
+    expect(card(page, "Object held")).to_contain_text("false")
+    expect(card(page, "Object lost").locator(".figure")).to_contain_text("1")
+
+
+def test_a_protective_stop_is_shown_and_reset(page: Page, watched: object, panda: str) -> None:
+    page.goto(panda + "simulation")
+    do(page, "stopProtectively")
+    page.goto(panda + "mode")
+    expect(card(page, "Protective stop")).to_contain_text("true")
+    do(page, "reset")
+    expect(card(page, "Protective stop")).to_contain_text("false")
