@@ -27,9 +27,10 @@ from linked_fleet_gateway.rdf.validation import (
 )
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LDP, LF, MATHS, PROV, RDF, ROS, SH, SOSA, SPATIAL, VOM
 from linked_fleet_gateway.resources.annotations import agent_statements, read_annotations
-from linked_fleet_gateway.resources.invocation import ROOT
 from linked_fleet_gateway.resources.paths import robot_path
 
+ROOT = BlankNode("input")
+"""The root of a stored body."""
 _MAX_REMEMBERED = 32 * 1024  # characters; a longer body is executed but not shown with the invocation
 _OURS = tuple(each.iri for each in (HYBRIT, LDP, LF, MATHS, PROV, ROS, SH, SOSA, SPATIAL, VOM))
 _NOT_ZERO = re.compile(r"[^eE]*[1-9]")  # a non-zero digit before the exponent

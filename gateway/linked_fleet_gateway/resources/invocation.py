@@ -12,6 +12,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, Node, Unit, number, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PROV, RDFS, SOSA
+from linked_fleet_gateway.resources.body_values import ROOT
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.part import part_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
@@ -33,8 +34,6 @@ MOST_SUMMARISED = 100
 """Members of a container that are summarised; others are listed with their state only."""
 Unchecked = Iterable[tuple[str, UncheckedLink]]
 """Links that a check did not cover, each after its path."""
-ROOT = BlankNode("input")
-"""The root of a stored body."""
 OUTPUT = BlankNode("output")
 """The root of a stored result."""
 _MAX_OUTPUT_BYTES = 32 * 1024
