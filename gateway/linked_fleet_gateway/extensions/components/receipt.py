@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 from linked_fleet_agent.wire.codec import WireError, decode
 from linked_fleet_agent.wire.components import (
-    Component,
     Occurrence,
     Values,
     read_declarations,
@@ -37,6 +36,12 @@ class _Known:
     source: tuple[bytes, RobotModel | None, tuple[str, ...]]
     state: RobotState
     parts: dict[str, ComponentPart]
+    """By name."""
+
+    def paths(self, component: str, item: str) -> tuple[str, ...]:
+        """Return the paths of a component and of an item of it that has changed, if any."""
+        part = self.parts[component]
+        return (part.path, part.path_of(item)) if item else (part.path,)
 
 
 class Receipt:
@@ -93,11 +98,11 @@ class Receipt:
         if robot.model is not model or robot.incarnation is None:
             return  # it has described itself anew meanwhile
         state = RobotState(components, robot.incarnation)
-        parts = _parts(robot, model, components, state)
+        parts = {each.name: ComponentPart(robot, model, state, each.name) for each in components}
         self._known[robot.name] = _Known(source, state, parts)
         for sentence in refused:
             self._core.reject(robot.name, sentence)
-        self._core.set_parts(robot.name, parts, refused)
+        self._core.set_parts(robot.name, {each.segment: each for each in parts.values()}, refused)
         self._ask_soon(robot.name)
 
     # -- values and events --------------------------------------------------------------------------------------------
@@ -118,7 +123,7 @@ class Receipt:
     def _tell(self, name: str, known: _Known, changes: Iterable[Change], refused: Iterable[str]) -> None:
         for sentence in refused:
             self._core.reject(name, sentence)
-        if paths := dict.fromkeys(path for change in changes for path in _paths(known.parts, *change)):
+        if paths := dict.fromkeys(path for change in changes for path in known.paths(*change)):
             self._core.mark_values_changed(name, *paths)
 
     def _ask_soon(self, name: str) -> None:
@@ -159,18 +164,6 @@ class Receipt:
                 continue
             if frame.incarnation == known.state.incarnation:
                 self._tell(name, known, list(known.state.expire(frame.monotonic_ns)), ())
-
-
-def _parts(
-    robot: Robot, model: RobotModel, components: Iterable[Component], state: RobotState
-) -> dict[str, ComponentPart]:
-    parts = (ComponentPart(robot, model, state, each.name) for each in components)
-    return {each.segment: each for each in parts}
-
-
-def _paths(parts: dict[str, ComponentPart], component: str, item: str) -> list[str]:
-    part = next(each for each in parts.values() if each.name == component)
-    return [part.path, part.path_of(item)] if item else [part.path]
 
 
 def _read_values(answer: bytes | str) -> tuple[Values | None, str]:
