@@ -42,7 +42,7 @@ _OTHERS = frozenset(
         "http://www.w3.org/ns/shacl#NodeShape",
     ]
 )
-_MEDIA_TYPES = ("text/turtle", "application/ld+json")
+MEDIA_TYPES = ("text/turtle", "application/ld+json")
 _WALKED = 4500
 _SAMPLED = 50
 _JOINTS, _CHANGES = 60, 9
@@ -69,9 +69,9 @@ def rows(seconds: float) -> list[Row]:
     ):
         root = place.place.root
         values, others, first_s, first_cpu_s = _walk(root, place.pid)
-        again_s = _read_all(root, [*values, *others], "application/n-triples")
-        for media_type in _MEDIA_TYPES:
-            _read_all(root, [*values, *others], media_type)
+        again_s = read_all(root, [*values, *others], "application/n-triples")
+        for media_type in MEDIA_TYPES:
+            read_all(root, [*values, *others], media_type)
         asked: dict[str, list[tuple[str, ...]]] = {
             "/value": [(path,) for path in values],
             "/other": [(path,) for path in others],
@@ -125,7 +125,7 @@ def _changed(place: Scene) -> tuple[float, float]:
             run = FakeRobot(place.session, "changing")
             run.appear(run.description(urdf(_JOINTS, model), joints))
             eventually(partial(_is_listed, http, f"synthetic-{model}"), f"model {model} of the robot")
-            for media_type in _MEDIA_TYPES:
+            for media_type in MEDIA_TYPES:
                 for took in (first, again):
                     begin = time.perf_counter()
                     _read(http, "/changing/", media_type)
@@ -143,7 +143,7 @@ def typical_response(root: str, lines: Sequence[tuple[str, ...]]) -> Constant:
     found = []
     with httpx.Client(base_url=root, headers={"accept-encoding": "gzip, deflate, br, zstd"}, timeout=60) as http:
         for path, *tags in lines[:: max(1, len(lines) // _SAMPLED)]:
-            for media_type, tag in zip(_MEDIA_TYPES, tags or ("", ""), strict=True):
+            for media_type, tag in zip(MEDIA_TYPES, tags or ("", ""), strict=True):
                 headers = {"accept": media_type} | ({"if-none-match": tag} if tag else {})
                 answer = http.get(path, headers=headers)
                 fields = {name: value for name, value in answer.headers.items() if name not in _BY_SERVER}
@@ -189,7 +189,7 @@ def _is_walked(iri: str, root: str) -> bool:
     return iri.startswith(root) and "#" not in iri and "/history" not in iri
 
 
-def _read_all(root: str, paths: list[str], media_type: str) -> float:
+def read_all(root: str, paths: list[str], media_type: str) -> float:
     """Read each path once; return the time in seconds, scaled to the number of resources that were walked."""
     begin = time.monotonic()
     with contextlib.closing(_connected(root)) as http:
@@ -210,7 +210,7 @@ def _read(http: HTTPConnection, path: str, media_type: str) -> tuple[str, bytes]
 
 
 def _tags(root: str, path: str) -> Iterator[str]:
-    for media_type in _MEDIA_TYPES:
+    for media_type in MEDIA_TYPES:
         headers = {"accept": media_type, "accept-encoding": "gzip"}
         yield httpx.get(root.rstrip("/") + path, headers=headers).raise_for_status().headers["etag"]
 

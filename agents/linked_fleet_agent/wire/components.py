@@ -96,7 +96,7 @@ def read_declarations(
 ) -> tuple[list[Component], list[str]]:
     """Return the components that a description declares, and a sentence for each that is refused.
 
-    Nothing of a declaration that is too long is decoded.
+    Nothing of a declaration that is too long is decoded, and no component beyond the first ``MAX_COMPONENTS``.
     """
     size = len(bytes(components))
     if size > MAX_DECLARATIONS_BYTES:
@@ -106,7 +106,7 @@ def read_declarations(
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         return [], [f"the components are refused: {error}"]
     accepted, refused = list[Component](), list[str]()
-    for index, each in enumerate(declared):
+    for index, each in enumerate(declared[:MAX_COMPONENTS]):
         try:
             component = msgspec.json.decode(each, type=Component)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
@@ -117,14 +117,14 @@ def read_declarations(
             refused.append(f"component {component.name!r} is refused: {problem}")
         else:
             accepted.append(component)
+    if (excess := len(declared) - MAX_COMPONENTS) > 0:
+        refused.append(f"the last {excess} components are refused: {MAX_COMPONENTS} components is the maximum")
     return accepted, refused
 
 
 def _excess(component: Component, accepted: Sequence[Component]) -> str:
     if any(component.name == other.name for other in accepted):
         return "another component has this name"
-    if len(accepted) >= MAX_COMPONENTS:
-        return f"{MAX_COMPONENTS} components is the maximum"
     for part, most in (("properties", MAX_PROPERTIES), ("actions", MAX_ACTIONS), ("events", MAX_EVENTS)):
         if sum(len(getattr(each, part)) for each in (*accepted, component)) > most:
             return f"{most} {part} is the maximum of a robot"

@@ -244,10 +244,10 @@ def statements_by_subject(triples: Iterable[Triple]) -> dict[Node, list[Triple]]
     return found
 
 
-def reachable_statements(body: Iterable[Triple], focus: Node) -> list[Triple]:
-    """Return the triples about ``focus`` and about the nodes that these refer to."""
+def reachable_statements(body: Iterable[Triple], *foci: Node) -> list[Triple]:
+    """Return the triples about ``foci`` and about the nodes that these refer to."""
     by_subject, found = statements_by_subject(body), list[Triple]()
-    pending = [focus]
+    pending = list(foci)
     while pending:
         for triple in by_subject.pop(pending.pop(), ()):
             found.append(triple)

@@ -17,7 +17,7 @@ from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.subscription import Depth, Subscription
 from linked_fleet_gateway.runtime.background import TURN_S, Turns
 from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Ending, Outlet, Stream
-from linked_fleet_gateway.subscriptions.topic import Topic
+from linked_fleet_gateway.subscriptions.topic import Again, Topic
 from linked_fleet_gateway.subscriptions.watcher import Timer, Watcher
 
 _DONE = object()
@@ -47,8 +47,7 @@ class FanOut:
         self._absent: dict[Watcher, None] = {}
         self._scans: dict[Watcher, Iterator[None]] = {}
         self._scan_again: set[Watcher] = set()
-        # Marked resources. True: resolve again as well, because more than the values may have changed.
-        self._dirty: dict[Topic[Watcher], bool] = {}
+        self._dirty: dict[Topic[Watcher], Again] = {}
         self._runnable: deque[Watcher | Broadcast[Watcher]] = deque()
         self._turns = Turns(self._work)
         self.listeners: dict[Callable[[str | None], None], Callable[[Exception], None]] = {}
@@ -117,7 +116,7 @@ class FanOut:
         if topics:
             for topic in topics:
                 if topic.measured:
-                    self._dirty.setdefault(topic, False)
+                    self._dirty.setdefault(topic, Again.OBSERVE)
             self._turns.schedule()
 
     def mark_robot_changed(self, robot: str) -> None:
@@ -130,7 +129,7 @@ class FanOut:
             if robot_of(watcher.subscription.resource) in (robot, None):
                 self._scan_soon(watcher)
         for name in (robot, None):
-            self._dirty.update(dict.fromkeys(self._of_robot.get(name, ()), True))
+            self._dirty.update(dict.fromkeys(self._of_robot.get(name, ()), Again.RESOLVE))
         self._turns.schedule()
 
     def mark_changed(self, *paths: str) -> None:
@@ -140,15 +139,15 @@ class FanOut:
             self._find(watcher)
         for path in paths:
             if topics := self._topics.get(path):
-                self._dirty.update(dict.fromkeys(topics.values(), True))
+                self._dirty.update(dict.fromkeys(topics.values(), Again.RESOLVE))
                 self._turns.schedule()
 
     def mark_values_changed(self, robot: str, *paths: str) -> None:
         """Mark resources of a robot of which values have changed, which no frame has."""
         self._tell_listeners(robot)
         for path in paths:
-            if topics := self._topics.get(path):
-                self._dirty.update(dict.fromkeys(topics.values(), True))
+            for topic in self._topics.get(path, {}).values():
+                self._dirty[topic] = max(Again.READ, self._dirty.get(topic, Again.READ))
                 self._turns.schedule()
 
     def add_resource(self, path: str) -> None:
@@ -262,8 +261,8 @@ class FanOut:
 
     def _read(self, topic: Topic[Watcher]) -> None:
         """Read a marked resource again; if it changed, tell its watchers."""
-        after_frame = not self._dirty.pop(topic)
-        if (after_frame or self._renew(topic)) and topic.refresh(after_frame):
+        again = self._dirty.pop(topic)
+        if (again is not Again.RESOLVE or self._renew(topic)) and topic.refresh(again is Again.OBSERVE):
             self._tell(topic)
 
     def _tell(self, topic: Topic[Watcher]) -> None:

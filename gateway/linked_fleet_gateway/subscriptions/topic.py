@@ -1,5 +1,6 @@
 """One watched resource: its present reading, its version, and its messages, each rendered once."""
 
+from enum import IntEnum
 from typing import Generic, Protocol
 
 from linked_fleet_gateway.identity.rights import ALL, View
@@ -25,6 +26,17 @@ class Renderer(Protocol):
 
     def tree(self, base: str, view: View) -> Resolver:
         """Return the present tree for a base URL and a view."""
+
+
+class Again(IntEnum):
+    """How a watched resource is read again; each includes the ones before it."""
+
+    OBSERVE = 1
+    """Its values, because a frame has come."""
+    READ = 2
+    """Its facts too."""
+    RESOLVE = 3
+    """As it is found in the tree, because its constants, its members or its existence may have changed."""
 
 
 class Topic(Generic[M]):

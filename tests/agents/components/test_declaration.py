@@ -15,6 +15,7 @@ from linked_fleet_agent.components.schemas import schema_of
 from linked_fleet_agent.wire.components import (
     MAX_ACTIONS,
     MAX_COMPONENTS,
+    MAX_DECLARATIONS_BYTES,
     DescriptionWithComponents,
     read_declarations,
 )
@@ -314,6 +315,15 @@ def test_a_gateway_refuses_each_bad_component_by_itself(said: Any, accepted: int
     assert len(found) == accepted
     assert refused in " ".join(sentences)
     assert bool(sentences) == bool(refused)
+
+
+@pytest.mark.parametrize("each", [b"0", b"{}", b'{"name":"a"}'])
+def test_a_declaration_of_many_components_is_refused_with_few_sentences(each: bytes) -> None:
+    """The robot shows each sentence, and 256 KiB have room for a hundred thousand bad components."""
+    many = (MAX_DECLARATIONS_BYTES - 2) // (len(each) + 1)
+    found, sentences = read_declarations(b"[" + b",".join([each] * many) + b"]", LINKS, JOINTS)
+    assert len(found) + len(sentences) == MAX_COMPONENTS + 1
+    assert sentences[-1].startswith(f"the last {many - MAX_COMPONENTS} components are refused")
 
 
 @pytest.mark.parametrize("payload", [b"", b"{}", b"null", b"[", b'["\xff"]', b"[" * 100_000])

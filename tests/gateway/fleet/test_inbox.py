@@ -18,6 +18,18 @@ def test_the_progress_of_one_is_bounded_and_that_of_others_heard() -> None:
     assert list(inbox.take().progress) == [("loud", b"again")]
 
 
+def test_the_values_of_one_robot_leave_those_of_others_their_place() -> None:
+    """Those that come too often are dropped, which the gap in their sequence shows; others are heard in order."""
+    inbox = Inbox(lambda: None)
+    inbox.put_of_components("quiet/values", b"first")
+    for _ in range(2 * MAX_QUEUED):
+        inbox.put_of_components("loud/values", b"more")
+    inbox.put_of_components("quiet/values", b"last")
+    heard = inbox.take().of_components
+    assert [payload for key, payload in heard if key == "quiet/values"] == [b"first", b"last"]
+    assert len(heard) == 2 + MAX_QUEUED_OF_ONE
+
+
 def test_the_latest_state_of_each_key_is_kept() -> None:
     inbox = Inbox(lambda: None)
     for number in range(2 * MAX_KEYS):

@@ -24,6 +24,7 @@ from fan_out_world import (
 )
 from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Event, Framed, Vanished
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.subscription import Depth
 from linked_fleet_gateway.subscriptions import fan_out
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
@@ -634,3 +635,31 @@ async def test_whatever_comes_between_the_last_state_comes_last(seed: int, monke
             assert frames == sorted(frames)
         outlet.watcher.close()
     assert world.fan_out.empty
+
+
+async def test_changed_values_are_read_without_resolving_their_resource() -> None:
+    """A robot may publish many values a second in messages that are no frames."""
+    world, resolved = await World().up(), list[str]()
+    outlet = await begin(world, ROTATION)
+    tree = world.fan_out.tree
+
+    def counted(base: str, view: View) -> fan_out.Tree:
+        resolved.append(base)
+        return tree(base, view)
+
+    world.fan_out.tree = counted
+    world.fleet.robots["r"].settings = {"title": "Another"}
+    world.fan_out.mark_values_changed("r", ROTATION, "/r/elbow/velocity")
+    await world.settle()
+    assert (len(outlet.messages), resolved) == (2, [])
+
+
+async def test_changed_values_take_no_other_change_away() -> None:
+    """A joint that is gone is found gone, although its values were marked after it."""
+    world = await World().up()
+    outlet = await begin(world, ROTATION)
+    world.fleet.apply(Described(described(urdf=OTHER_URDF, joints=("wrist",))), 0)
+    world.fan_out.mark_robot_changed("r")
+    world.fan_out.mark_values_changed("r", ROTATION)
+    await world.settle()
+    assert outlet.ending is Ending.GONE

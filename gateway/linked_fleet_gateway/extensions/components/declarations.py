@@ -7,7 +7,6 @@ of a shape costs what its own members cost, so that the one of an untrusted decl
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import Any
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
@@ -84,13 +83,9 @@ class Input:
     def unused(self, body: Sequence[Triple], focus: Node) -> list[Triple]:
         """Return the triples of a body that conforms which are not part of the value."""
         first = [each for each in body if each.subject == focus and (not self.is_value or each.predicate == LF.value)]
-        inner = chain.from_iterable(_below(body, each.object) for each in first)
-        used = set(chain(first, inner))
+        values = [each.object for each in first if isinstance(each.object, BlankNode)]
+        used = {*first, *reachable_statements(body, *values)}
         return [each for each in body if each not in used]
-
-
-def _below(body: Sequence[Triple], node: object) -> list[Triple]:
-    return reachable_statements(body, node) if isinstance(node, BlankNode) else []
 
 
 def _used_twice(body: Sequence[Triple]) -> str:

@@ -43,6 +43,7 @@ class ComponentPart:
         self.offers: Mapping[str, Offer] = offers_of(self)
         self.compiled = lru_cache(_BASES)(self._compile)
         self._items = lru_cache(_BASES)(self._make_items)
+        self._paths = dict[str, str]()
 
     @property
     def state(self) -> ComponentState:
@@ -84,10 +85,12 @@ class ComponentPart:
         return (LF.ComponentShape, NamedNode(kind + "Shape")) if kind in KINDS else (LF.ComponentShape,)
 
     def path_of(self, item: str) -> str:
-        """Return the path of a property or event."""
-        if item not in self.declared.events or item in self.declared.properties:
-            return f"{self.path}/{escape(item, _RESERVED)}"
-        return f"{self.path}/{self._event_segment(item)}"
+        """Return the path of a declared property or event."""
+        if (path := self._paths.get(item)) is None:
+            is_event = item in self.declared.events and item not in self.declared.properties
+            segment = self._event_segment(item) if is_event else escape(item, _RESERVED)
+            path = self._paths[item] = f"{self.path}/{segment}"
+        return path
 
     def _event_segment(self, name: str) -> str:
         """Return the segment of an event. One that shares its name with a property gets a mark."""

@@ -37,11 +37,17 @@ class _Known:
     source: tuple[bytes, RobotModel | None, tuple[str, ...]]
     state: RobotState
     parts: dict[str, ComponentPart]
+    """By name."""
     charges: list[int | None] = field(default_factory=list)
 
     @cached_property
     def batteries(self) -> list[ComponentPart]:
         return [each for each in self.parts.values() if each.is_battery]
+
+    def paths(self, component: str, item: str) -> tuple[str, ...]:
+        """Return the paths of a component and of an item of it that has changed, if any."""
+        part = self.parts[component]
+        return (part.path, part.path_of(item)) if item else (part.path,)
 
 
 class Receipt:
@@ -99,7 +105,7 @@ class Receipt:
             return  # it has described itself anew meanwhile
         state = RobotState(components, robot.incarnation)
         parts = parts_from(robot, model, components, state)
-        self._known[robot.name] = _Known(source, state, parts)
+        self._known[robot.name] = _Known(source, state, {each.name: each for each in parts.values()})
         for sentence in refused:
             self._core.reject(robot.name, sentence)
         self._core.set_parts(robot.name, parts, refused)
@@ -123,7 +129,7 @@ class Receipt:
     def _tell(self, name: str, known: _Known, changes: Iterable[Change], refused: Iterable[str]) -> None:
         for sentence in refused:
             self._core.reject(name, sentence)
-        if paths := dict.fromkeys(path for change in changes for path in _paths(known.parts, *change)):
+        if paths := dict.fromkeys(path for change in changes for path in known.paths(*change)):
             self._core.mark_values_changed(name, *paths)
             self._look_at_batteries(known)
 
@@ -173,11 +179,6 @@ class Receipt:
                 continue
             if frame.incarnation == known.state.incarnation:
                 self._tell(name, known, list(known.state.expire(frame.monotonic_ns)), ())
-
-
-def _paths(parts: dict[str, ComponentPart], component: str, item: str) -> list[str]:
-    part = next(each for each in parts.values() if each.name == component)
-    return [part.path, part.path_of(item)] if item else [part.path]
 
 
 def _read_values(answer: bytes | str) -> tuple[Values | None, str]:

@@ -1,5 +1,6 @@
 """The components of a robot as a whole: what each has, its own vocabulary, and what is left over in a body."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -10,6 +11,7 @@ from pyoxigraph import Literal, NamedNode, Triple
 
 from component_schemas import NAMES, ROBOT
 from linked_fleet_agent.wire.components import Component
+from linked_fleet_agent.wire.schema import MAX_MEMBERS
 from linked_fleet_gateway.extensions.components.declarations import CompiledDeclarations, compile_declarations
 from linked_fleet_gateway.extensions.components.places import Place, place_of, term_iri
 from linked_fleet_gateway.rdf.graph import Graph
@@ -149,3 +151,30 @@ def test_nothing_is_compiled_before_it_is_used() -> None:
     grasp = compiled(GRIPPER).components["gripper"].actions["grasp"]
     assert "validator" not in vars(grasp.input)
     assert grasp.input.validator is grasp.input.validator
+
+
+class Body(list[Triple]):
+    """A body that counts how often it is looked through."""
+
+    passes = 0
+
+    def __iter__(self) -> Iterator[Triple]:
+        self.passes += 1
+        return super().__iter__()
+
+
+def _passes(members: int) -> int:
+    """Return how often a body of so many members is looked through until it is judged."""
+    numbers = {f"m{number}": WIDTH for number in range(members)}
+    acting = compiled({"name": "a", "actions": {"act": {"input": {"type": "object", "properties": numbers}}}})
+    taken, graph = acting.components["a"].actions["act"].input, Graph()
+    taken.describe(graph, FOCUS, dict.fromkeys(numbers, 0.05))
+    body = Body(graph.triples)
+    assert taken.read(body, FOCUS) == (dict.fromkeys(numbers, 0.05), None)
+    assert taken.unused(body, FOCUS) == []
+    return body.passes
+
+
+def test_a_body_of_many_members_is_looked_through_as_often_as_one_of_few() -> None:
+    """Clients choose both the number of members and the size of the body."""
+    assert _passes(MAX_MEMBERS) == _passes(1)
