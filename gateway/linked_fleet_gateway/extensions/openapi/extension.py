@@ -40,7 +40,8 @@ from linked_fleet_gateway.extensions.openapi.operations import (
 )
 from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
 from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives, forbid_other_members, merge_null
-from linked_fleet_gateway.faces import Json
+from linked_fleet_gateway.faces import Json, parts_of
+from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.serving import Rendition, await_preconditions
@@ -105,7 +106,8 @@ async def _version(view: RequestView) -> bytes:
     async for name, robot in time_sliced(sorted(view.robots.items())):
         said = robot.description
         known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities, said.cameras)
-        facts.append(repr((name, robot.model is None, known, robot.annotations)))
+        declared = said.components if isinstance(said, DescriptionAndComponents) else b""
+        facts.append(repr((name, robot.model is None, known, robot.annotations, declared, list(parts_of(robot)))))
     return blake2b("\n".join(facts).encode(), digest_size=16).digest()
 
 

@@ -75,12 +75,13 @@ def write_operation(
     responses: Json,
     body: Mapping[str, Json] | None = None,
     parameters: Sequence[Json] = (),
+    body_is_optional: bool = False,
     **more: Any,
 ) -> Json:
     """Return any other method; ``body`` are media type objects."""
     said: Json = {"operationId": id, "summary": summary, "parameters": list(parameters)}
     if body is not None:
-        said["requestBody"] = {"required": True, "content": dict(body)}
+        said["requestBody"] = {"required": not body_is_optional, "content": dict(body)}
     return said | {"responses": responses | error_responses((*_ALWAYS, *_WRITES))} | more
 
 
@@ -126,6 +127,38 @@ def parameter(name: str, location: str, schema: Json, description: str = "", req
     """Return a parameter; ``location`` is ``query``, ``header`` or ``path``."""
     said: Json = {"name": name, "in": location, "required": required, "schema": schema}
     return said | ({"description": description} if description else {})
+
+
+INVOCATION, _REHEARSAL = component_ref("schemas", "Invocation"), component_ref("schemas", "Rehearsal")
+_APPLIED: Json = {"Preference-Applied": {"schema": {"type": "string"}}}
+
+
+def invocation_responses(name: str, parameters: Parameters) -> Json:
+    """Return the responses to an invocation. A 202 contains the invocation only if the client prefers that."""
+    location: Json = {"Location": component_ref("headers", "Location")}
+    known = {each: f"$request.path.{each}" for each in parameters}
+    links = {
+        f"{does}Invocation": {
+            "operationId": f"{does}{name}",
+            "parameters": known | {"invocation": "$response.body#/id"},
+        }
+        for does in ("read", "cancel", "delete")
+    }
+    return {
+        "200": {
+            "description": "Rehearsed, as preferred by dry-run; nothing has moved.",
+            "headers": _APPLIED,
+            "content": {JSON: {"schema": _REHEARSAL}, **RDF_CONTENT},
+        },
+        "201": {
+            "description": "Accepted; the invocation is sent, as preferred by return=representation.",
+            "headers": location | _APPLIED,
+            "content": {JSON: {"schema": INVOCATION}, **RDF_CONTENT},
+            "links": links,
+        },
+        "202": {"description": "Accepted; it goes on. Location is the invocation.", "headers": location | _APPLIED},
+        "204": {"description": "Accepted. Location is the invocation.", "headers": location},
+    }
 
 
 def path_item(parameters: Parameters, **methods: Json) -> Json:

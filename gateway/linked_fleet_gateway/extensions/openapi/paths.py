@@ -9,16 +9,18 @@ from typing import Any
 
 from linked_fleet_gateway.api import Container, Property, RequestView, joint_path, link_path, robot_path
 from linked_fleet_gateway.extensions.openapi.components import ANNOTATIONS, LOCK_TOKEN
+from linked_fleet_gateway.extensions.openapi.declared import Names, any_of, is_declared, may_lack_body, read_schema
 from linked_fleet_gateway.extensions.openapi.operations import (
     CHANGED_PLACEMENT_RESPONSE,
     CHANGED_RESPONSE,
     ID_SCHEMA,
+    INVOCATION,
     JSONLD,
-    RDF_CONTENT,
     Parameters,
     component_ref,
     get_operation,
     header_ref,
+    invocation_responses,
     last_segment,
     parameter,
     patch_operation,
@@ -33,17 +35,20 @@ from linked_fleet_gateway.extensions.openapi.schemas import (
     extract_alternatives,
     forbid_other_members,
     generalize_iris,
+    has_example,
     union,
 )
 from linked_fleet_gateway.faces import (
     Form,
     Json,
     Offer,
+    RobotPart,
     Setting,
     form_of,
     form_of_input,
     form_of_target,
     offers_at,
+    parts_of,
     properties_at,
 )
 from linked_fleet_gateway.fleet.model import Joint, Link
@@ -54,8 +59,6 @@ from linked_fleet_gateway.rdf.vocabulary import LF
 _FORMAT: Json = {"type": "string", "enum": ["json", "jsonld"], "default": "json"}
 _PICKS = "The format of what is sent."
 PICK = parameter("as", "query", _FORMAT, _PICKS)
-_INVOCATION, _REHEARSAL = component_ref("schemas", "Invocation"), component_ref("schemas", "Rehearsal")
-_APPLIED: Json = {"Preference-Applied": {"schema": {"type": "string"}}}
 
 
 def action_paths(
@@ -71,13 +74,13 @@ def action_paths(
         template: path_item(
             parameters,
             get=rdf_get_operation(f"describe{name}", f"{definition.title}: description and shape of the body"),
-            **{method.lower(): _invoke(method, name, parameters, offers[0], body) for method in offers[0].methods},
+            **{method.lower(): _invoke(method, name, parameters, offers, body) for method in offers[0].methods},
         ),
         f"{template}/produceshape": path_item(parameters, get=rdf_get_operation(f"shape{name}", "Shape of the result")),
         listed: path_item(parameters, get=rdf_get_operation(f"list{name}", "Invocations, the newest first")),
         read: path_item(
             one,
-            get=rdf_get_operation(f"read{name}", "Read an invocation: its state, progress and result", _INVOCATION),
+            get=rdf_get_operation(f"read{name}", "Read an invocation: its state, progress and result", INVOCATION),
             delete=write_operation(f"delete{name}", "Stop an invocation and remove it", done),
         ),
         f"{read}/blueprint": path_item(one, get=rdf_get_operation(f"blueprint{name}", "Shape of an invocation")),
@@ -91,10 +94,11 @@ def capitalized(name: str) -> str:
     return name[0].upper() + name[1:]
 
 
-def _invoke(method: str, name: str, parameters: Parameters, offer: Offer, body: Json | None) -> Json:
+def _invoke(method: str, name: str, parameters: Parameters, offers: Sequence[Offer], body: Json | None) -> Json:
+    offer = offers[0]
     # A wrong query must never prevent a stop: a request without a body accepts any format name.
     pick = parameter("as", "query", {"type": "string", "default": "json"}, _PICKS) if body is None else PICK
-    fields = ["Prefer"] if body is None else ["Prefer", "IdempotencyKey", "LockToken", "IfMatch"]
+    fields = ["Prefer"] if offer.is_stop else ["Prefer", "IdempotencyKey", "LockToken", "IfMatch"]
     return write_operation(
         ("put" if method == "PUT" else "invoke") + name,
         offer.definition.title,
@@ -102,35 +106,8 @@ def _invoke(method: str, name: str, parameters: Parameters, offer: Offer, body: 
         None if body is None else {JSON: body},
         [pick, *map(header_ref, fields)],
         description=offer.definition.comment,
+        body_is_optional=any(map(may_lack_body, offers)),
     )
-
-
-def invocation_responses(name: str, parameters: Parameters) -> Json:
-    """Return the responses to an invocation. A 202 contains the invocation only if the client prefers that."""
-    location: Json = {"Location": component_ref("headers", "Location")}
-    known = {each: f"$request.path.{each}" for each in parameters}
-    links = {
-        f"{does}Invocation": {
-            "operationId": f"{does}{name}",
-            "parameters": known | {"invocation": "$response.body#/id"},
-        }
-        for does in ("read", "cancel", "delete")
-    }
-    return {
-        "200": {
-            "description": "Rehearsed, as preferred by dry-run; nothing has moved.",
-            "headers": _APPLIED,
-            "content": {JSON: {"schema": _REHEARSAL}, **RDF_CONTENT},
-        },
-        "201": {
-            "description": "Accepted; the invocation is sent, as preferred by return=representation.",
-            "headers": location | _APPLIED,
-            "content": {JSON: {"schema": _INVOCATION}, **RDF_CONTENT},
-            "links": links,
-        },
-        "202": {"description": "Accepted; it goes on. Location is the invocation.", "headers": location | _APPLIED},
-        "204": {"description": "Accepted. Location is the invocation.", "headers": location},
-    }
 
 
 _MOST_NAMED = 8
@@ -172,6 +149,8 @@ class FleetPaths:
         self._robots, self._parts = _CommonPath(), _CommonPath()
         self._properties: dict[tuple[bool, str], _CommonPath] = {}
         self._actions: dict[tuple[bool, str], _CommonPath] = {}
+        self._names = Names()
+        self._names_of_actions: dict[tuple[bool, str], str] = {}
         self.schemas: dict[str, Json] = {}
         """Schemas of bodies by name, filled by ``paths``."""
 
@@ -186,8 +165,12 @@ class FleetPaths:
             self._note(robot, joint, name, last_segment(joint_path(robot.name, joint.name)), "joint")
         for link in robot.model.links.values():
             self._note(robot, link, name, last_segment(link_path(robot.name, robot.model, link.name)), "link")
+        for added in parts_of(robot).values():
+            self._note(robot, added, name, last_segment(added.path), "component")
 
-    def _note(self, of: Robot, thing: Joint | Link | None, robot: str, part: str = "", kind: str = "") -> None:
+    def _note(
+        self, of: Robot, thing: Joint | Link | RobotPart | None, robot: str, part: str = "", kind: str = ""
+    ) -> None:
         if part:
             self._parts.note(robot, part, kind)
         for item in properties_at(self._base, of, thing):
@@ -216,14 +199,20 @@ class FleetPaths:
         yield from _lease(robots).items()
         if self._parts.parts:
             yield from _thing(self._parts.template(""), self._parts.parameters(), "Part").items()
-        for (_, called), alike in self._properties.items():
-            yield from self._property(alike, called).items()
+        self._names_of_actions = {key: self._names.new(self._name(*key)) for key in self._actions}
+        for (in_part, called), alike in self._properties.items():
+            yield from self._property(alike, in_part, called).items()
         for (in_part, called), alike in self._actions.items():
-            # A robot and its joints may have actions of one name.
-            name = capitalized(called) + ("OfRobot" if not in_part and (True, called) in self._actions else "")
+            name = self._names_of_actions[in_part, called]
             body = self._body(name, alike.offers, form_of_input)
             template, parameters = alike.template(f"/actions/{called}"), alike.parameters()
             yield from action_paths(template, name, parameters, alike.offers, body).items()
+
+    def _name(self, in_part: bool, called: str) -> str:
+        """Return the name of an action. Robots, their joints and their components may have actions of one name."""
+        if not in_part:
+            return capitalized(called) + ("OfRobot" if (True, called) in self._actions else "")
+        return capitalized(called) + ("OfComponent" if [*self._actions[True, called].kinds] == ["component"] else "")
 
     def of_members(self, container: Container[Any]) -> Iterator[tuple[str, Json]]:
         """Yield the path items of the actions of the members of a container."""
@@ -235,15 +224,20 @@ class FleetPaths:
 
     def _body(self, name: str, offers: list[Offer], form: Callable[[Offer, str], Form]) -> Json | None:
         """Return the media type object that all of ``offers`` accept; None if they take no body."""
-        if not offers[0].takes_body:
+        takers = [each for each in offers if each.takes_body]
+        if not takers:
             return None
-        alike, few = self._distinct(offers), len(self._robots.robots) <= _MOST_NAMED
+        declared = [form(each, self._base).schema for each in takers if is_declared(each, self._base)]
+        alike = self._distinct(each for each in takers if not is_declared(each, self._base))
+        few, known = len(self._robots.robots) <= _MOST_NAMED, len(alike) <= _MOST_FORMS
         forms = [form(each, self._base).schema for each in alike[:_MOST_FORMS]]
         shown = forms if few else [generalize_iris(each, self._base) for each in forms]
-        known = len(alike) <= _MOST_FORMS
-        schema = forbid_other_members(union(shown)) if known else {"type": "object"}
+        shared = [] if not shown else [union(shown) if known else {"type": "object"}]
+        schema = forbid_other_members(any_of([*shared, *declared])) if known else {"type": "object"}
+        first = (forms or declared)[0]
         self.schemas[f"{name}Input"] = extract_alternatives(schema, f"{name}Input", self.schemas)
-        return {"schema": component_ref("schemas", f"{name}Input"), "examples": {"first": {"value": example(forms[0])}}}
+        examples = {"examples": {"first": {"value": example(first)}}} if has_example(first) else {}
+        return {"schema": component_ref("schemas", f"{name}Input"), **examples}
 
     def _distinct(self, offers: Iterable[Offer]) -> list[Offer]:
         """Return one offer for each distinct body schema.
@@ -261,21 +255,19 @@ class FleetPaths:
                 found.setdefault((robot and robot.name, *own), each)
         return list(found.values())
 
-    def _property(self, alike: _CommonPath, called: str) -> dict[str, Json]:
+    def _property(self, alike: _CommonPath, in_part: bool, called: str) -> dict[str, Json]:
         item, parameters, template = alike.items[0], alike.parameters(), alike.template(f"/{called}")
-        (*_, owner), form = parameters, form_of(item.shape)
-        of, title = capitalized(owner) + capitalized(called), f"The {called} of a {owner}"
+        (*_, owner), form = parameters, read_schema(alike.items)
+        of, title = self._names.new(capitalized(owner) + capitalized(called)), f"The {called} of a {owner}"
         schema = None
-        if form.fields:
-            self.schemas[of], schema = form.schema, component_ref("schemas", of)
+        if form is not None:
+            self.schemas[of], schema = form, component_ref("schemas", of)
         methods = {"get": rdf_get_operation(f"read{of}", title, schema)}
         if puts := [each.put for each in alike.items if isinstance(each.put, Offer)]:
             body = self._body(of, puts, form_of_target)
-            answers = invocation_responses(capitalized(puts[0].definition.segment), parameters)
+            answers = invocation_responses(self._names_of_actions[in_part, puts[0].definition.segment], parameters)
             fields = [PICK, *map(header_ref, ("Prefer", "IdempotencyKey", "LockToken", "IfMatch"))]
-            methods["put"] = write_operation(
-                f"put{of}", "Command the joint to a position", answers, {JSON: body or {}}, fields
-            )
+            methods["put"] = write_operation(f"put{of}", puts[0].definition.title, answers, {JSON: body or {}}, fields)
         elif isinstance(item.put, Setting):
             methods |= self._setting(of, item.put)
         return resource_path_items(template, parameters, of, title, **methods)

@@ -87,6 +87,8 @@ def merge_null(schema: Any) -> Any:
         if "oneOf" in known:  # null has to fit one of them, not all
             return found
         beside = {name: value for name, value in found.items() if name != "oneOf"}
+        if "const" in known:
+            known = {name: value for name, value in known.items() if name != "const"} | {"enum": [known["const"]]}
         listed = {"enum": [*known["enum"], None]} if "enum" in known else {}
         return known | listed | {"type": [known["type"], "null"]} | beside
     return found
@@ -100,17 +102,27 @@ def _unit(schema: Json) -> str:
 
 def example(schema: Json) -> Any:
     """Return a value with the required members, in the middle of the limits."""
+    if "const" in schema:
+        return schema["const"]
     if "enum" in schema:
         return schema["enum"][-1]
     if schema.get("type") == "object":
         branch: Json = schema["oneOf"][-1]["properties"] if "oneOf" in schema else {}
-        members = schema["properties"]
+        members = schema.get("properties", {})
         return {name: example(members[name] | branch.get(name, {})) for name in schema.get("required", ())}
     if schema.get("type") == "array":
-        return [example(schema["items"])]
+        return [example(schema["items"])] * max(1, schema.get("minItems", 1)) if "items" in schema else []
     if schema.get("type") in ("number", "integer"):
-        return _middle(schema)
-    return "Linked Fleet"
+        middle = _middle(schema)
+        return int(middle) if schema["type"] == "integer" else middle
+    if schema.get("type") == "boolean":
+        return True
+    return "Linked Fleet".ljust(schema.get("minLength", 0), ".")[: schema.get("maxLength")]
+
+
+def has_example(schema: Json) -> bool:
+    """Return False if a text has a pattern, to which no example is known."""
+    return '"pattern"' not in json.dumps(schema)
 
 
 def _middle(schema: Json) -> float:

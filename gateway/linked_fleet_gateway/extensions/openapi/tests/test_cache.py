@@ -6,6 +6,9 @@ from typing import Any
 
 import pytest
 
+from linked_fleet_agent.wire.components import read_declarations
+from linked_fleet_gateway.extensions.components.part import parts_from
+from linked_fleet_gateway.extensions.components.state import RobotState
 from linked_fleet_gateway.extensions.openapi.extension import Documents
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.identity.rights import ALL
@@ -33,3 +36,14 @@ async def test_a_robot_that_changes_while_a_description_is_made_spoils_no_later_
     bench.robot(PAN)
     assert await Documents([]).document(view) == whole
     assert await documents.document(view) == whole
+
+
+async def test_components_that_come_later_are_described(bench: Any) -> None:
+    robot = bench.robot(PAN)
+    view = RequestView(bench.base, MappingProxyType(bench.fleet.robots), InvocationsInView(Invocations(), ALL), ALL)
+    documents = Documents([])
+    assert b"brightness" not in (await documents.document(view)).body
+    declared = b'[{"name": "lamp", "properties": {"brightness": {"schema": {"type": "number"}}}}]'
+    components, _ = read_declarations(declared, robot.model.links, robot.model.joints)
+    robot.set_parts(parts_from(robot, robot.model, components, RobotState(components, 1)), ())
+    assert b"brightness" in (await documents.document(view)).body

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from browser import Browser
+from running import eventually
 from simulated_robots import simulated
 from small_fleet import Place, live
 
@@ -58,12 +59,16 @@ def test_schemathesis_finds_nothing(tmp_path: Path) -> None:
     place = Place(tmp_path)
     with place.gateway() as (gateway, browser), simulated(place.zenoh, "ur5"):
         live(browser, "ur5")
+        eventually(lambda: browser.http.get(f"{place.root}ur5/tool").status_code == 200, "components")
         config = _config(tmp_path, browser, place.root)
         if EXAMPLES:
             print(_run(config, place.root, "--max-examples", EXAMPLES))
         else:
             paths = ["/{robot}/{joint}/actions/rotate", "/{robot}/{joint}/rotation", "/{robot}/title", "/{robot}/lease"]
             paths += [f"{paths[0]}/invocations/{{invocation}}", f"{paths[0]}/invocations/{{invocation}}/actions/cancel"]
+            paths += ["/{robot}/{component}/output", "/{robot}/{component}/actions/stopProtectively"]
+            described = browser.http.get(place.root + "openapi.json", headers={"accept": "application/json"}).json()
+            assert described["paths"].keys() >= set(paths)
             _run(config, place.root, "--phases", "examples")
             _run(
                 config,
