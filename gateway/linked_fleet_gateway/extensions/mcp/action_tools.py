@@ -2,7 +2,7 @@
 
 import asyncio
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from typing import Any
@@ -11,9 +11,10 @@ import anyio
 from mcp_types import CallToolResult, ToolAnnotations
 from pydantic import Field
 
-from linked_fleet_gateway.api import await_turn
+from linked_fleet_gateway.api import Robot, await_turn, robot_of
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, content_result, refusal_result
+from linked_fleet_gateway.faces import parts_of
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.serving import Reply, stop_segments
 
@@ -85,11 +86,14 @@ class Stop(Tool):
     """Stop a joint, a robot or all robots, or cancel an invocation, at once. It takes neither lease nor rehearsal."""
 
     hints = ToolAnnotations(read_only_hint=False, destructive_hint=False, idempotent_hint=True, open_world_hint=True)
-    target: Target = Field("/", description="IRI or path of a robot, joint or invocation; / is all robots")
+    target: Target = Field(
+        "/",
+        description="IRI or path of a robot, joint or invocation; / is all robots. A component stops with its robot",
+    )
 
     async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
         with anyio.CancelScope(shield=True):
-            for path in _stops("/" + context.path_of(self.target).strip("/")):
+            for path in _stops("/" + context.path_of(self.target).strip("/"), context.view.robots):
                 reply = await context.ask("POST", path, _JSON, {"prefer": "return=representation"})
                 if reply.status != 404:
                     break
@@ -98,19 +102,28 @@ class Stop(Tool):
         return content_result(reply, "" if reply.status >= 400 else f"Done: {path}")
 
 
-def _stops(path: str) -> Iterator[str]:
-    """Yield candidate paths of the stop action for ``path``: the first that exists is the right one."""
+def _stops(path: str, robots: Mapping[str, Robot]) -> Iterator[str]:
+    """Yield candidate paths of the stop action for ``path``: the first that exists is the right one.
+
+    An action of a component stops nothing, whatever its name.
+    """
     segments = path[1:].split("/")
-    if segments[-1] in stop_segments():
+    in_component = _is_in_component(segments, robots)
+    if not in_component and segments[-1] in stop_segments():
         yield path
     elif path == "/":
         yield "/actions/stopAll"
     else:
         if "invocations" in segments:
             yield f"{path}/actions/cancel"
-        if len(segments) > 1:
+        if len(segments) > 1 and not in_component:
             yield f"/{segments[0]}/{segments[1]}/actions/hold"
         yield f"/{segments[0]}/actions/stop"
+
+
+def _is_in_component(segments: Sequence[str], robots: Mapping[str, Robot]) -> bool:
+    robot = robots.get(robot_of("/" + "/".join(segments)) or "")
+    return robot is not None and segments[1:2] != [] and segments[1] in parts_of(robot)
 
 
 async def _follow(context: MessageContext, iri: str, wait_s: float, progress: Progress) -> None:

@@ -1,6 +1,6 @@
 """The tree as resources, and the tools that search and read it.
 
-The tool ``find`` searches robots, joints, links and actions by name, and returns the schemas of actions.
+The tool ``find`` searches robots, joints, links, components and actions by name, and returns the schemas of actions.
 """
 
 import json
@@ -19,7 +19,16 @@ from linked_fleet_gateway.api import joint_path, link_path, robot_of, robot_path
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, content_result, is_text
-from linked_fleet_gateway.faces import Invoke, Offer, form_of_input, kind_of, offers_at, properties_at
+from linked_fleet_gateway.faces import (
+    Invoke,
+    Offer,
+    RobotPart,
+    form_of_input,
+    kind_of,
+    offers_at,
+    parts_of,
+    properties_at,
+)
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.serving import ReplyTooLong
@@ -105,11 +114,11 @@ class SearchResult:
 
 
 class Find(Tool):
-    """Find robots, joints, links and actions by words, kind and robot. Actions have the JSON Schema of their
-    body, with the limits of the joint."""
+    """Find robots, joints, links, components (grippers, switches and the like) and actions by words, kind and robot.
+    Actions have the JSON Schema of their body, with the limits of the joint."""
 
     text: str = Field("", max_length=200, description="words that must all occur in name, title or description")
-    kind: Literal["robot", "joint", "link", "action", "any"] = "any"
+    kind: Literal["robot", "joint", "link", "component", "action", "any"] = "any"
     robot: str = Field("", max_length=200, description="name of a robot, to search only that one")
     limit: int = Field(20, ge=1, le=50, description="maximum number of results")
 
@@ -174,12 +183,24 @@ def _parts(context: MessageContext, robot: Robot) -> Iterator[SearchResult]:
         yield SearchResult(
             "link", link_path(robot.name, robot.model, link.name), f"{link.name} of {robot.title}", robot.name
         )
+    for part in parts_of(robot).values():
+        kinds = [each.value.rpartition("#")[2] for each in part.types]
+        told, words = partial(_values_of_part, context, part, kinds), " ".join((robot.name, part.name, *kinds))
+        yield SearchResult("component", part.path, f"{part.title} of {robot.title}", words, told)
+        yield from _actions(context, offers_at(robot, part))
 
 
 def _values(context: MessageContext, robot: Robot, joint: Joint, kind: str) -> dict[str, Any]:
     base = context.view.base
     iri = base + joint_path(robot.name, joint.name)
     return {"type": kind, "values": [f"{iri}/{each.segment}" for each in properties_at(base, robot, joint)]}
+
+
+def _values_of_part(context: MessageContext, part: RobotPart, kinds: list[str]) -> dict[str, Any]:
+    """Return the kinds of a part, its present values, and where each of them and of its events is."""
+    iri = context.view.base + part.path
+    resources = [f"{iri}/{each.segment}" for each in part.properties(context.view.base)]
+    return {"types": kinds, "now": json.loads(part.json()), "values": resources}
 
 
 def _actions(context: MessageContext, offers: list[Offer]) -> Iterator[SearchResult]:

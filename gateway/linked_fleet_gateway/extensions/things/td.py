@@ -43,6 +43,8 @@ _BEYOND = {
     "exclusiveMaximum": "minimum",
 }
 """Converts a limit into the range beyond it."""
+_SUBSCRIBE = ["subscribeevent", "unsubscribeevent"]
+_EVENT = LF.extended("ComponentEvent").ComponentEvent
 _ID = {"type": "string", "description": "of an invocation: the id that invoking gave"}
 
 
@@ -82,13 +84,16 @@ class Thing:
             "title": self._title(),
             "securityDefinitions": {"access": _scheme(self.secured)},
             "security": ["access"],
-            "properties": {
-                item.segment: self._property(item) for item in properties_at(self.base, self.robot, self.part)
-            },
+            "properties": {item.segment: self._property(item) for item in self._items()},
             "actions": {offer.definition.segment: self._action(offer) for offer in offers_at(self.robot, self.part)},
             "links": list(self._links(robots)),
         }
+        if events := {each.segment: self._event(each) for each in self._items() if _EVENT in each.types}:
+            said["events"] = events
         return _directory(self.base, said) if self.robot is None else said
+
+    def _items(self) -> Sequence[Property]:
+        return properties_at(self.base, self.robot, self.part)
 
     # -- what it is -------------------------------------------------------------------------------------------------
 
@@ -136,6 +141,16 @@ class Thing:
         iri = NamedNode(href)
         present = description_json(partial(_describe, item, iri), iri, item.shape)
         return said | _in_units(form_of(item.shape).schema, present) | {"forms": _forms(href, JSON, item)}
+
+    def _event(self, item: Property) -> Json:
+        """Return an event, which is a property too: the first message of a subscription is its last occurrence."""
+        property_ = self._property(item)
+        return {
+            "@type": property_["@type"],
+            "title": item.title,
+            "data": {} if item.form is None else item.form.schema,
+            "forms": [each | {"op": _SUBSCRIBE} for each in property_["forms"] if "subprotocol" in each],
+        }
 
     def _action(self, offer: Offer) -> Json:
         href, definition = self.base + offer.path, offer.definition

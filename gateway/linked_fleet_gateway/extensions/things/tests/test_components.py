@@ -1,0 +1,48 @@
+"""Thing Descriptions of components conform to the standard, and have their events."""
+
+import json
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from browser import Browser
+from component_cell import Cell
+from running import eventually
+from small_fleet import Place
+from virtual.processes import serving_robot
+from wot import conforms
+
+pytestmark = pytest.mark.virtual
+
+
+@pytest.fixture(scope="module")
+def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, browser), serving_robot(place.zenoh, "cell", Cell()):
+        eventually(lambda: browser.http.get(browser.root + "cell/lamp").status_code == 200, "components")
+        yield browser
+
+
+def _td(browser: Browser, path: str) -> dict[str, Any]:
+    answer = browser.http.get(browser.root + path, headers={"accept": "application/td+json"})
+    return dict(json.loads(answer.raise_for_status().content))
+
+
+@pytest.mark.parametrize("path", ["cell/gripper", "cell/lamp", "cell/"])
+def test_descriptions_conform_to_the_standard(browser: Browser, path: str) -> None:
+    conforms(_td(browser, path))
+
+
+def test_events_can_be_subscribed_to(browser: Browser) -> None:
+    said = _td(browser, "cell/gripper")
+    assert set(said["events"]) == {"lost", "opened"}
+    lost = said["events"]["lost"]
+    assert set(lost["data"]["properties"]) == {"occurrences", "resultTime", "value"}
+    stream, socket = lost["forms"]
+    assert stream["op"] == socket["op"] == ["subscribeevent", "unsubscribeevent"]
+    assert (stream["subprotocol"], socket["subprotocol"]) == ("sse", "lf.json")
+    with browser.http.stream("GET", stream["href"], headers={"accept": "text/event-stream"}) as answer:
+        assert answer.status_code == 200
+        assert answer.headers["content-type"].startswith("text/event-stream")
+    assert "events" not in _td(browser, "cell/lamp")
