@@ -98,7 +98,10 @@ def _share(pid: int, seconds: float) -> float:
 
 
 def _answers(place: Place, pid: int, seconds: float) -> tuple[float, float, int]:
-    """Return answers a second of processor, those of a bare server with the median answer, and the size of that."""
+    """Return answers a second of processor, those of a bare server with the median answer, and the size of that.
+
+    The processor time that receiving the values takes meanwhile is subtracted.
+    """
     paths = [(f"/{_name(robot)}/part-{part}/value-{number}",)
              for robot in range(40) for part in range(COMPONENTS) for number in range(NUMBERS)]  # fmt: skip
     for media_type in MEDIA_TYPES:
@@ -107,8 +110,9 @@ def _answers(place: Place, pid: int, seconds: float) -> tuple[float, float, int]
         typical = typical_response(place.root, paths)
         with bare(1, {"/value": typical}) as (url, bare_pid):
             theirs = browse(url, bare_pid, seconds, listed(folder, "bare", [("/value",)] * len(paths))).per_cpu_s
-            ours = browse(place.root, pid, seconds, listed(folder, "paths", paths)).per_cpu_s
-    return ours, theirs, typical.size
+            receiving = _share(pid, seconds)
+            asked = browse(place.root, pid, seconds, listed(folder, "paths", paths))
+    return asked.answers / (asked.cpu_s - receiving * asked.seconds), theirs, typical.size
 
 
 def _told_ms(place: Place, players: "Players", count: int) -> list[float]:
