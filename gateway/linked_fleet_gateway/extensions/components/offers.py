@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.components.declarations import Input
 from linked_fleet_gateway.extensions.components.items import schema_json
 from linked_fleet_gateway.extensions.components.shapes import ShapeWriter
 from linked_fleet_gateway.extensions.components.terms import LF
-from linked_fleet_gateway.faces import ActionDefinition, Body, DeclaredForm, Form, Offer, Right
+from linked_fleet_gateway.faces import ActionDefinition, Body, DeclaredForm, Form, Offer, Right, action_definitions
 from linked_fleet_gateway.rdf.graph import SECOND, Graph, Node
 from linked_fleet_gateway.rdf.validation import find_root, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, METHODS
@@ -169,6 +169,11 @@ class ComponentOffer(Offer):
         return InputBody(triples, focus, value)
 
 
+def segment_of(name: str) -> str:
+    """Return the segment of a declared action: never that of a stop, which is neither queued nor limited in rate."""
+    return escape(name, {each.segment for each in action_definitions() if each.is_stop} | {"cancel"})
+
+
 def offers_of(part: "ComponentPart") -> Mapping[str, Offer]:
     """Return the actions of a component by segment; a property that can be set has one of its own name."""
     declared = part.declared
@@ -176,11 +181,13 @@ def offers_of(part: "ComponentPart") -> Mapping[str, Offer]:
     for name, action in declared.actions.items():
         kind = NamedNode(action.semantic_type) if action.semantic_type else LF.ComponentAction
         takes = action.input is not None
-        found[escape(name)] = _offer(part, kind, name, action.title or name, action.description, takes, of_action=name)
+        found[segment_of(name)] = _offer(
+            part, kind, name, action.title or name, action.description, takes, of_action=name
+        )
     for name, each in declared.properties.items():
         if each.writable:
             title = f"Set {each.schema.title or name}"
-            found[escape(name)] = _offer(
+            found[segment_of(name)] = _offer(
                 part, LF.ComponentAction, name, title, each.schema.description, True, of_property=name
             )
     return found
@@ -199,7 +206,7 @@ def _offer(
 ) -> ComponentOffer:
     definition = ActionDefinition(
         iri=kind,
-        segment=escape(name),
+        segment=segment_of(name),
         title=title,
         comment=comment,
         offered_by=frozenset(),

@@ -12,7 +12,7 @@ from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.kinds import KINDS
 from linked_fleet_gateway.extensions.components.declarations import CompiledComponent, compile_declarations
 from linked_fleet_gateway.extensions.components.items import event_item, property_item
-from linked_fleet_gateway.extensions.components.offers import ComponentOffer, offers_of
+from linked_fleet_gateway.extensions.components.offers import ComponentOffer, offers_of, segment_of
 from linked_fleet_gateway.extensions.components.places import vocabulary_iri
 from linked_fleet_gateway.extensions.components.state import ComponentState, RobotState
 from linked_fleet_gateway.extensions.components.terms import LF
@@ -111,7 +111,7 @@ class ComponentPart:
     def _make_items(self, base: str) -> tuple[Property, ...]:
         compiled = self.compiled(base)
         items = [
-            property_item(self, name, escape(name, _RESERVED), each, self.offers.get(escape(name)), base)
+            property_item(self, name, escape(name, _RESERVED), each, self.offers.get(segment_of(name)), base)
             for name, each in compiled.properties.items()
         ]
         events = [

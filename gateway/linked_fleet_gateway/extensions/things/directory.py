@@ -51,7 +51,8 @@ class RobotDigests:
         if known is not said or not of_description:
             of_description = blake2b(repr(said).encode(), digest_size=16).digest()
             self._known[name] = (said, of_description)
-        facts = (name, robot.title, robot.model is None, robot.annotations)
+        # Components are read from the description a little later.
+        facts = (name, robot.title, robot.model is None, robot.annotations, sorted(parts_of(robot)))
         return blake2b(repr(facts).encode() + of_description, digest_size=16).digest()
 
     def forget_others(self, names: Collection[str]) -> None:
@@ -105,8 +106,12 @@ class Listing:
         if robot is None or part is None:
             return True
         model = robot.model
-        parts = () if model is None else (model.joints.get(part.name), model.links.get(part.name))
-        return any(part is each for each in parts)
+        if model is None:
+            return False
+        return any(
+            part is each
+            for each in (model.joints.get(part.name), model.links.get(part.name), *parts_of(robot).values())
+        )
 
 
 def _entrance(view: RequestView, rest: Sequence[str]) -> Found:
@@ -174,5 +179,11 @@ def describe_page(
             graph.a(thing, LF.Robot)
             graph.add(thing, DCTERMS.title, Literal(robot.title))
         else:
-            graph.a(thing, kind_of(part).type if isinstance(part, Joint) else ROS.Link)
+            graph.a(thing, *_types(part))
             graph.add(thing, DCTERMS.title, Literal(part.name))
+
+
+def _types(part: Joint | Link | RobotPart) -> Sequence[NamedNode]:
+    if isinstance(part, Joint):
+        return (kind_of(part).type,)
+    return (ROS.Link,) if isinstance(part, Link) else part.types

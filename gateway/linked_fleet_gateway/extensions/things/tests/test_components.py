@@ -5,9 +5,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
+from rdflib import RDF, Literal, URIRef
 
-from browser import Browser
+from browser import DCTERMS, LF, ROS, TURTLE, Browser
 from component_cell import Cell
+from graphs import read
 from running import eventually
 from small_fleet import Place
 from virtual.processes import serving_robot
@@ -32,6 +34,20 @@ def _td(browser: Browser, path: str) -> dict[str, Any]:
 @pytest.mark.parametrize("path", ["cell/gripper", "cell/lamp", "cell/"])
 def test_descriptions_conform_to_the_standard(browser: Browser, path: str) -> None:
     conforms(_td(browser, path))
+
+
+def test_the_directory_has_them_with_their_classes(browser: Browser) -> None:
+    answer = browser.http.get(browser.root + "things", headers={"accept": TURTLE})
+    things, gripper = read(answer.content, str(answer.url)), URIRef(browser.root + "cell/gripper")
+    assert things.value(gripper, DCTERMS.title) == Literal("gripper")
+    assert LF.Component in set(things.objects(gripper, RDF.type))
+    assert ROS.Link not in set(things.objects(gripper, RDF.type))
+
+
+def test_the_listing_has_their_descriptions(browser: Browser) -> None:
+    listed = {each["id"]: each for each in browser.http.get(browser.root + "things").json()}
+    assert browser.root + "cell/lamp" in listed
+    assert listed[browser.root + "cell/gripper"]["events"].keys() == {"lost", "opened"}
 
 
 def test_events_can_be_subscribed_to(browser: Browser) -> None:
