@@ -21,10 +21,13 @@ def read_reply(answer: bytes | str, id: str) -> tuple[Reply | None, str]:
     return (reply, "") if reply.id == id else (None, f"the answer is to command {reply.id[:64]!r}")
 
 
+_NO_COMPONENTS = b"[]"
+
+
 class DescriptionAndComponents(Description, frozen=True, kw_only=True):
     """The description of a robot, and the declarations of its components in JSON, which are not decoded."""
 
-    components: bytes = b"[]"
+    components: bytes = _NO_COMPONENTS
 
 
 def read_description(answer: bytes | str, robot: str, runs: Collection[int]) -> tuple[Description | None, str]:
@@ -36,8 +39,11 @@ def read_description(answer: bytes | str, robot: str, runs: Collection[int]) -> 
     except WireError as error:
         return None, str(error)
     if said.robot == robot and said.incarnation in runs:
-        # A copy of the declarations, so that the answer, which has the URDF too, can be freed.
-        return DescriptionAndComponents(**{**structs.asdict(said), "components": bytes(said.components)}), ""
+        members = structs.asdict(said)
+        declared = bytes(members.pop("components"))  # a copy, so that the answer, which has the URDF too, can be freed
+        if declared == _NO_COMPONENTS:
+            return Description(**members), ""
+        return DescriptionAndComponents(**members, components=declared), ""
     return None, (
         f"the description is of robot {said.robot!r} in run {said.incarnation}, "
         f"but the presence token is of {robot!r} in run {max(runs, default=0)}"

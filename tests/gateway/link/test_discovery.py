@@ -6,12 +6,10 @@ from collections.abc import AsyncIterator, Callable, Iterator
 
 import pytest
 import zenoh
-from msgspec import structs
 
 from fake_robots import KEYS, FakeRobot, open_session
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Description, Move
-from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
 from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Vanished
 from linked_fleet_gateway.fleet.fleet import MAX_UNDESCRIBED, Fleet
 from linked_fleet_gateway.fleet.presence import FIRST_OPEN, MAX_RUNS, Token
@@ -184,7 +182,7 @@ async def test_a_reply_that_comes_after_all_runs_have_gone_blocks_nothing() -> N
     over.set()
     await answered.wait()
     found.apply_token(("r", 7), True)
-    await until(lambda: Described(_read(7)) in events)
+    await until(lambda: Described(_described(7)) in events)
     await found.close()
 
 
@@ -209,12 +207,8 @@ async def test_a_query_that_fails_unexpectedly_is_repeated_and_takes_no_place() 
     for number in range(FIRST_OPEN):
         found.apply_token((f"s{number}", 1), True)
     found.apply_token(("r", 5), True)
-    await until(lambda: Described(_read(5)) in events)
+    await until(lambda: Described(_described(5)) in events)
     await found.close()
-
-
-def _read(run: int) -> Description:
-    return DescriptionAndComponents(**structs.asdict(_described(run)))
 
 
 def _described(run: int) -> Description:
