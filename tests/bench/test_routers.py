@@ -49,7 +49,7 @@ def test_every_gateway_has_every_robot_and_a_lost_region_comes_back() -> None:
         pytest.skip(str(error))
     rows = _rows(_run(**environment).stdout)
     assert rows["keeps: robots"] == ["40"] * 3
-    assert rows["declares: tokens, queryables, subscribers"] == ["1, 0, 3"] * 3, "not one thing for each robot"
+    assert rows["declares: tokens, queryables, subscribers"] == ["1, 0, 5"] * 3, "not one thing for each robot"
     assert rows["— robots of the area online at its own gateway meanwhile"] == ["20"]
     assert rows["— a command there meanwhile: status"] == ["204"]
     assert rows["— robots elsewhere that are online then"] == ["20"]

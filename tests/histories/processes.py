@@ -98,6 +98,8 @@ class Processes:
             description=agent.description,
             on_command=self._mover.handle,
             on_stop=agent.handle_stop,
+            on_operate=self._mover.handle_operate,
+            on_values=agent.values,
         )
         self._run(agent.run(await stack.enter_async_context(link)), stack)
 

@@ -7,7 +7,8 @@ then a JPEG or PNG file or depths (PROTOCOL.md, "Pictures").
 import math
 import struct
 from functools import cache
-from typing import NamedTuple, TypeVar
+from threading import Lock
+from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
@@ -41,6 +42,7 @@ _M = TypeVar(
     "_M", DescriptionWithComponents, Description, Command, Stop, Progress, Condition, PictureQuery, Values, Operate,
     Occurrence,
 )  # fmt: skip
+_T = TypeVar("_T")
 
 
 class WireError(ValueError):
@@ -166,12 +168,25 @@ class _Versioned(msgspec.Struct):
     version: int
 
 
+_REPLY = msgspec.json.Decoder[Reply](Reply)
+_decoders: dict[type, msgspec.json.Decoder[Any]] = {}
+_making = Lock()
+
+
+def _decoder(kind: type[_T]) -> msgspec.json.Decoder[_T]:
+    """Return the decoder of a structure, made by one thread at a time: more that resolve its types end the process."""
+    if (found := _decoders.get(kind)) is None:
+        with _making:
+            found = _decoders[kind] = _decoders.get(kind) or msgspec.json.Decoder(kind)
+    return found
+
+
 def decode(payload: bytes, kind: type[_M]) -> _M:
     """Decode a JSON message. The version is checked first and raises VersionError; other faults raise WireError."""
     try:
-        version = msgspec.json.decode(payload, type=_Versioned).version
+        version = _decoder(_Versioned).decode(payload).version
         check_version(version, COMPONENTS_VERSION if kind in (Values, Operate, Occurrence) else WIRE_VERSION)
-        return msgspec.json.decode(payload, type=kind)
+        return _decoder(kind).decode(payload)
     except msgspec.MsgspecError as error:
         raise WireError(str(error)) from error
     except (UnicodeDecodeError, RecursionError) as error:
@@ -180,7 +195,7 @@ def decode(payload: bytes, kind: type[_M]) -> _M:
 
 def decode_reply(payload: bytes) -> Reply:
     try:
-        reply: Reply = msgspec.json.decode(payload, type=Reply)
+        reply: Reply = _REPLY.decode(payload)
         return reply
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise WireError(str(error)) from error

@@ -91,6 +91,11 @@ class DescriptionWithComponents(Description, frozen=True, kw_only=True):
     components: Raw = Raw(b"[]")
 
 
+# Made once, here: declarations are read in threads, and threads that resolve the types of a structure at the same time
+# end the process.
+_DECLARATIONS, _COMPONENT = msgspec.json.Decoder(list[Raw]), msgspec.json.Decoder(Component)
+
+
 def read_declarations(
     components: bytes | Raw, links: Collection[str], joints: Collection[str]
 ) -> tuple[list[Component], list[str]]:
@@ -102,13 +107,13 @@ def read_declarations(
     if size > MAX_DECLARATIONS_BYTES:
         return [], [f"the components are refused: {size} bytes; {MAX_DECLARATIONS_BYTES} is the maximum"]
     try:
-        declared = msgspec.json.decode(components, type=list[Raw])
+        declared = _DECLARATIONS.decode(components)
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         return [], [f"the components are refused: {error}"]
     accepted, refused = list[Component](), list[str]()
     for index, each in enumerate(declared[:MAX_COMPONENTS]):
         try:
-            component = msgspec.json.decode(each, type=Component)
+            component = _COMPONENT.decode(each)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             refused.append(f"component {index + 1} is refused: {error}")
             continue
