@@ -4,6 +4,7 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
+from itertools import chain
 from typing import Literal
 
 from linked_fleet_agent.wire.codec import WireError, decode
@@ -48,6 +49,11 @@ class Incoming:
         self._on_events = on_events
         self._on_progress = on_progress
         self._listeners = listeners
+        self._own: Mapping[str, Hear] = {
+            "state": self._framed,
+            "condition": self._conditioned,
+            "progress": self._progressed,
+        }
         self._inbox = Inbox(Turns(self._work).waker())
         self._steps: Iterator[Callable[[], None]] = iter(())
         self.complaints = RejectedMessages(_log)
@@ -100,11 +106,7 @@ class Incoming:
             yield partial(self._token, key, present)
         if batch.presence_lost:
             yield self._discovery.relist
-        for key, payload in batch.states.items():
-            yield partial(self._framed, key, payload)
-        for key, payload in batch.progress:
-            yield partial(self._progressed, key, payload)
-        for key, payload in batch.of_components:
+        for key, payload in chain(batch.states.items(), batch.progress, batch.of_components):
             yield partial(self._heard, key, payload)
 
     def _token(self, key: str, present: bool) -> None:
@@ -112,53 +114,28 @@ class Incoming:
         if robot is not None and robot.incarnation is not None:
             self._on_events(self._discovery.apply_token((robot.robot, robot.incarnation), present))
 
-    def _framed(self, key: str, payload: Payload) -> None:
-        robot = self.parse(key)
-        if robot is None:
-            return
-        if not isinstance(payload, bytes):
-            self._too_large(robot.robot, payload)
-        elif robot.kind == "condition":
-            self._conditioned(robot.robot, payload)
-        else:
-            self._discovery.record_frame(robot.robot)
-            self._on_events([Framed(robot.robot, payload)])
-
-    def _conditioned(self, robot: str, payload: bytes) -> None:
-        try:
-            said = decode(payload, Condition)
-        except WireError as error:
-            self.complaints.add(robot, error)
-        else:
-            self._on_events([Conditioned(robot, said)])
-
     def _heard(self, key: str, payload: Payload) -> None:
         robot = self.parse(key)
         if robot is None:
             return
         if not isinstance(payload, bytes):
-            self._too_large(robot.robot, payload)
+            self.complaints.add(robot.robot, f"a payload of {payload!r} bytes, which is too large")
             return
+        hear = self._own.get(robot.kind) or self._listeners[robot.kind]  # type: ignore[index]
         try:
-            self._listeners[robot.kind](robot.robot, payload)  # type: ignore[index]
+            hear(robot.robot, payload)
         except WireError as error:
             self.complaints.add(robot.robot, error)
 
-    def _too_large(self, sender: str, size: Payload) -> None:
-        self.complaints.add(sender, f"a payload of {size!r} bytes, which is too large")
+    def _framed(self, robot: str, payload: bytes) -> None:
+        self._discovery.record_frame(robot)
+        self._on_events([Framed(robot, payload)])
 
-    def _progressed(self, key: str, payload: Payload) -> None:
-        robot = self.parse(key)
-        if robot is None:
-            return
-        if not isinstance(payload, bytes):
-            self._too_large(robot.robot, payload)
-            return
-        try:
-            progress, problem = without_unusable_parts(decode(payload, Progress))
-        except WireError as error:
-            self.complaints.add(robot.robot, error)
-            return
+    def _conditioned(self, robot: str, payload: bytes) -> None:
+        self._on_events([Conditioned(robot, decode(payload, Condition))])
+
+    def _progressed(self, robot: str, payload: bytes) -> None:
+        progress, problem = without_unusable_parts(decode(payload, Progress))
         if problem:  # the state counts nevertheless
-            self.complaints.add(robot.robot, problem)
-        self._on_progress(robot.robot, progress)
+            self.complaints.add(robot, problem)
+        self._on_progress(robot, progress)
