@@ -23,12 +23,18 @@ from linked_fleet_gateway.api import (
     thing_at,
     time_sliced,
 )
-from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD, placeholder_description, write_description
-from linked_fleet_gateway.faces import RobotPart, ThingDocument, kind_of, parts_of
+from linked_fleet_gateway.extensions.things.td import (
+    DIRECTORY,
+    TD,
+    placeholder_description,
+    types_of,
+    write_description,
+)
+from linked_fleet_gateway.faces import RobotPart, ThingDocument, parts_of
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS, ROS, XHV
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS, XHV
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
 LF = CORE.extended("Directory things")
@@ -179,11 +185,5 @@ def describe_page(
             graph.a(thing, LF.Robot)
             graph.add(thing, DCTERMS.title, Literal(robot.title))
         else:
-            graph.a(thing, *_types(part))
+            graph.a(thing, *types_of(part))
             graph.add(thing, DCTERMS.title, Literal(part.name))
-
-
-def _types(part: Joint | Link | RobotPart) -> Sequence[NamedNode]:
-    if isinstance(part, Joint):
-        return (kind_of(part).type,)
-    return (ROS.Link,) if isinstance(part, Link) else part.types

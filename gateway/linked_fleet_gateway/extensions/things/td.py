@@ -102,9 +102,7 @@ class Thing:
             return (LF.Fleet,)
         if self.part is None:
             return (LF.Robot,)
-        if isinstance(self.part, Joint):
-            return kind_of(self.part).type, LF.Joint
-        return (ROS.Link,) if isinstance(self.part, Link) else self.part.types
+        return (*types_of(self.part), *((LF.Joint,) if isinstance(self.part, Joint) else ()))
 
     def _title(self) -> str:
         if self.robot is None:
@@ -178,6 +176,13 @@ class Thing:
             ],
         }
         return said | ({"input": form_of_input(offer, self.base).schema} if offer.takes_body else {})
+
+
+def types_of(part: Joint | Link | RobotPart) -> Sequence[NamedNode]:
+    """Return the most specific classes of a part of a robot."""
+    if isinstance(part, Joint):
+        return (kind_of(part).type,)
+    return (ROS.Link,) if isinstance(part, Link) else part.types
 
 
 def write_description(view: RequestView, robot: Robot | None, part: Joint | Link | RobotPart | None) -> bytes:

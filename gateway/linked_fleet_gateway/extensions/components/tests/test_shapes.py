@@ -156,13 +156,18 @@ def test_a_circular_list_is_refused() -> None:
     assert taken.read(body, FOCUS)[1]
 
 
+def _changed_body(data: st.DataObject) -> tuple[Schema, Input, list[Triple]]:
+    """Return a schema, its input, and a body that was that of a value before something in it was changed."""
+    schema = data.draw(schemas())
+    taken = input_of(schema, is_value=True)
+    return schema, taken, data.draw(formed(schema).map(lambda value: body_of(taken, value)).flatmap(changed))
+
+
 @settings(max_examples=10_000 if LONG else 200, suppress_health_check=SLOW)
 @given(st.data())
 def test_pyshacl_agrees_about_what_no_json_value_looks_like(data: st.DataObject) -> None:
     """Numbers in other units and datatypes, broken lists, two values of one member, nodes used twice."""
-    schema = data.draw(schemas())
-    taken = input_of(schema, is_value=True)
-    body = data.draw(formed(schema).map(lambda value: body_of(taken, value)).flatmap(changed))
+    _, taken, body = _changed_body(data)
     assume(not has_circular_list(body))
     assert pyshacl_accepts(shape_of(taken), body) == (taken.validator.report(body, FOCUS) is None)
 
@@ -170,9 +175,7 @@ def test_pyshacl_agrees_about_what_no_json_value_looks_like(data: st.DataObject)
 @settings(max_examples=10_000 if LONG else 200, suppress_health_check=SLOW)
 @given(st.data())
 def test_whatever_is_read_conforms_to_the_schema(data: st.DataObject) -> None:
-    schema = data.draw(schemas())
-    taken = input_of(schema, is_value=True)
-    body = data.draw(formed(schema).map(lambda value: body_of(taken, value)).flatmap(changed))
+    schema, taken, body = _changed_body(data)
     value, refused = taken.read(body, FOCUS)
     assert refused is not None or not value_problem(schema, value)
 
