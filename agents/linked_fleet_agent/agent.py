@@ -94,7 +94,7 @@ class Agent:
         self._joints = {joint.name: joint for joint in self._facts.joints}
         self._names = tuple(self._joints)
         self._movable = (*self._names, BASE)
-        """What a stop of the whole robot stops."""
+        """All that a stop of the whole robot stops."""
         self._counts = (len(self._names),) * 3
         sways = tuple(sways)
         for sway in sways:

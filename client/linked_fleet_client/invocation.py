@@ -79,7 +79,7 @@ class Invocation(Resource):
 
     @property
     def output(self) -> dict[str, Value]:
-        """What the action returned, by the names in the shape of what it produces; empty before the end."""
+        """The result of the action, by the names in the shape of what it produces; empty before the end."""
         return self._named(LF.output)
 
     @property

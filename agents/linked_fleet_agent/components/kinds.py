@@ -40,7 +40,7 @@ class Grasped(Struct, omit_defaults=True):
 
 
 class Status(Struct):
-    """What is known of one part of a robot; ``message`` is for people."""
+    """The state of one part of a robot; ``message`` is for people."""
 
     name: Annotated[str, Meta(max_length=128)]
     level: Level
@@ -93,12 +93,12 @@ class Mode(Component, kind=LF + "Mode", rename="camel", rate_hz=5, blocking=Fals
 
     @value
     def protective_stop(self) -> Annotated[bool, Meta(title="Protective stop")]:
-        """Whether the robot stands because of a protective stop."""
+        """Tell whether the robot stands because of a protective stop."""
         return bool(self.prevents_motion)
 
     @value
     def reason(self) -> Annotated[str, Meta(title="Reason of the protective stop", max_length=1024)]:
-        """Why the robot stands, empty if no protective stop is active."""
+        """Tell why the robot stands, empty if no protective stop is active."""
         return self.prevents_motion[:1024]
 
     @value
@@ -117,4 +117,4 @@ class Mode(Component, kind=LF + "Mode", rename="camel", rate_hz=5, blocking=Fals
 
 
 class Diagnostics(Component, kind=LF + "Diagnostics", rename="camel", rate_hz=1):
-    """What a robot knows about the state of its parts. Write the value ``status``, a list of ``Status``."""
+    """The states of the parts of a robot. Write the value ``status``, a list of ``Status``."""

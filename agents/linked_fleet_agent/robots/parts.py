@@ -1,4 +1,4 @@
-"""What a simulated robot has beside its joints, as data."""
+"""Parts of simulated robots beside their joints, as data."""
 
 from dataclasses import dataclass
 

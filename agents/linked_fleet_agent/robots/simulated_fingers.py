@@ -62,7 +62,7 @@ class Fingers:
 
     @property
     def stalled(self) -> bool:
-        """Whether the fingers stand although the motor pushes."""
+        """Return True if the fingers stand although the motor pushes."""
         return self._stalled_s >= _STALLED_S
 
     def drive(self, width_m: float, force_n: float) -> None:

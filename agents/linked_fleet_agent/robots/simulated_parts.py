@@ -50,7 +50,7 @@ class SimulatedMode(Mode):
 
 
 class SimulatedDiagnostics(Diagnostics, blocking=False):
-    """What the simulation knows of its clock and of its motors."""
+    """The states of the simulation's clock and of its motors."""
 
     name = "diagnostics"
 
@@ -189,7 +189,7 @@ class SimulationWithTool(Simulation):
 
 @dataclass(frozen=True)
 class Measured:
-    """What a simulation tells its components: its time, the mechanical power of all motors, the state of its parts."""
+    """Measurements of a simulation for its components: time, mechanical power of all motors, states of its parts."""
 
     time_s: Callable[[], float]
     mechanical_w: Callable[[], float]

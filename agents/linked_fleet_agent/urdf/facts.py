@@ -43,7 +43,7 @@ class JointFacts:
 
     @property
     def arrival_tolerance(self) -> float | None:
-        """How near to its target a motion brings the joint, as far as its driver says so; else None.
+        """Return how near to its target a motion brings the joint, as far as its driver says so; else None.
 
         A known resolution counts whole: a servo rounds the target by half of it, and an encoder the position.
         """

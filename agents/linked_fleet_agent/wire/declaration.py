@@ -1,4 +1,4 @@
-"""What a robot declares about a component: properties, actions and events with their schemas (PROTOCOL.md)."""
+"""Declarations of components: properties, actions and events with their schemas (PROTOCOL.md)."""
 
 from typing import Annotated
 

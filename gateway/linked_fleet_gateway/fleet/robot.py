@@ -64,7 +64,7 @@ class Robot:
         self.unchecked: tuple[UncheckedLink, ...] = ()
         """The links that checks of motions do not cover, once its shapes are prepared."""
         self.parts: Mapping[str, Any] = {}
-        """What extensions have added beside joints and links, by path segment (``resources/part.py``)."""
+        """Parts that extensions have added beside joints and links, by path segment (``resources/part.py``)."""
         self.findings: tuple[str, ...] = ()
         """Sentences about parts that could not be taken."""
         self.stopped_ns = -1

@@ -38,7 +38,7 @@ Refusal = tuple[str, list[Statement]]
 
 @dataclass(frozen=True)
 class Input:
-    """What a client may send: the members of an object, or a value as ``lf:value`` (``is_value``)."""
+    """The body that a client may send: the members of an object, or a value as ``lf:value`` (``is_value``)."""
 
     place: Place
     is_value: bool = False

@@ -1,4 +1,4 @@
-"""What robots say about their components: declarations, values and events.
+"""Receipt of what robots say about their components: declarations, values and events.
 
 A declaration is read in a thread, because a robot may declare thousands of members. Values that were missed are asked
 for.
@@ -32,7 +32,7 @@ _NOTHING = b"[]"
 
 @dataclass
 class _Known:
-    """What is known of the components of a robot, and from which description."""
+    """The known components of a robot, and the description that they are from."""
 
     source: tuple[bytes, RobotModel | None, tuple[str, ...]]
     state: RobotState

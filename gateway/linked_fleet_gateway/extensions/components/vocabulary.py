@@ -20,7 +20,7 @@ _RANGES = {
     "integer": MATHS.Scalar,
     "array": _RDF.List,
 }
-"""What the values of a term are; the objects of a robot have no class."""
+"""The kind of values of a term; the objects of a robot have no class."""
 _LIMITS = {
     "minimum": _QUDT.minInclusive,
     "exclusive_minimum": _QUDT.minExclusive,

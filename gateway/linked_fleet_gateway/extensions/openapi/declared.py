@@ -1,4 +1,4 @@
-"""What robots declare themselves, such as properties of components: things of one name may differ in everything."""
+"""Schemas of what robots declare, such as properties of components: things of one name may differ in everything."""
 
 import json
 import re
