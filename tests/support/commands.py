@@ -45,7 +45,10 @@ class Commanded:
         self.browser, self.page = browser, browser.robot(name)
         self.joints, self.links = dict[str, str](), dict[str, str]()
         for part in self.page.graph.objects(self.page.iri, DCTERMS.hasPart):
-            of = self.links if (part, RDF.type, ROS.Link) in self.page.graph else self.joints
+            kinds = set(self.page.graph.objects(part, RDF.type))
+            if LF.Component in kinds:
+                continue
+            of = self.links if ROS.Link in kinds else self.joints
             of[str(self.page.graph.value(part, DCTERMS.title))] = str(part)
         self._actions: dict[tuple[URIRef, str], str] = {}
 
