@@ -68,6 +68,12 @@ class Client:
         ]
         self.send("subscribe", subscriptions=wanted)
 
+    def json_message(self, id: int) -> Any:
+        """The next message of a subscription whose channel has JSON."""
+        found = self.until(lambda: next((each for each in self.data if each[0] == id), None))
+        self.data.remove(found)
+        return json.loads(found[2])
+
     def message(self, id: int, topic: str) -> Any:
         """A message of a subscription: the first one that has not been asked for."""
         content = self.until(lambda: next((each[2] for each in self.data if each[0] == id), None))

@@ -1,6 +1,6 @@
 """Parts of robots that extensions add beside joints and links, such as components (paper 5.1)."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING, Any, Protocol
 
 from pyoxigraph import NamedNode
@@ -9,6 +9,7 @@ from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.form import Json
 from linked_fleet_gateway.resources.paths import robot_path
 
 if TYPE_CHECKING:
@@ -81,6 +82,12 @@ class RobotPart(Protocol):
 
     def json(self) -> bytes:
         """Return its present values in JSON."""
+
+    def streams(self) -> Mapping[str, tuple[Json, Callable[[], bytes]]]:
+        """Return what it says from time to time by path: its values together, and each of its events.
+
+        Each is a JSON Schema, and a function that returns the latest in JSON. Unknown values are left out.
+        """
 
     def describe_outcome(self, graph: Graph, iri: NamedNode, base: str, invocation: Invocation) -> None:
         """Add the feedback and the result of an invocation of one of its actions."""

@@ -5,9 +5,11 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_agent.wire.declaration import Event
 from linked_fleet_agent.wire.schema import Schema
 from linked_fleet_gateway.extensions.components.declarations import CompiledEvent, CompiledProperty
 from linked_fleet_gateway.extensions.components.shapes import SH
+from linked_fleet_gateway.extensions.components.state import Happened
 from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.extensions.components.units import declared_unit
 from linked_fleet_gateway.extensions.components.values import add_value
@@ -114,19 +116,9 @@ def event_item(part: "ComponentPart", name: str, segment: str, compiled: Compile
             add_value(graph, compiled.data, last.data, node, LF.value)
 
     def write() -> bytes:
-        last = happened()
-        said: Json = {
-            "occurrences": 0 if last is None else last.count,
-            "resultTime": None if last is None else timestamp(last.wall_ns).value,
-        }
-        return msgspec.json.encode(said | ({} if last is None or compiled.data is None else {"value": last.data}))
+        return msgspec.json.encode({"occurrences": 0, "resultTime": None} | event_members(declared, happened()))
 
-    members: Json = {
-        "occurrences": {"type": "integer", "minimum": 0},
-        "resultTime": {"oneOf": [_TIME, {"type": "null"}]},
-    }
-    if declared.data is not None:
-        members["value"] = schema_json(declared.data)
+    members = event_schemas(declared) | {"resultTime": {"oneOf": [_TIME, {"type": "null"}]}}
     return Property(
         segment,
         NamedNode(compiled.term),
@@ -142,6 +134,20 @@ def event_item(part: "ComponentPart", name: str, segment: str, compiled: Compile
         json=write,
         describe_shapes=lambda graph: _describe_event_shape(graph, NamedNode(f"{iri}/blueprint#shape")),
     )
+
+
+def event_schemas(declared: Event) -> Json:
+    """Return the schemas of the members that an event has in JSON, by name."""
+    found: Json = {"occurrences": {"type": "integer", "minimum": 0}, "resultTime": _TIME}
+    return found if declared.data is None else found | {"value": schema_json(declared.data)}
+
+
+def event_members(declared: Event, last: Happened | None) -> Json:
+    """Return what is known of the last occurrence of an event in JSON, by name."""
+    if last is None:
+        return {"occurrences": 0}
+    said = {"occurrences": last.count, "resultTime": timestamp(last.wall_ns).value}
+    return said if declared.data is None else said | {"value": last.data}
 
 
 def _describe_event_shape(graph: Graph, shape: NamedNode) -> None:

@@ -1,7 +1,7 @@
 """A component as a part of its robot: its description, properties, events and actions."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from functools import cached_property, lru_cache
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import msgspec
@@ -11,13 +11,19 @@ from linked_fleet_agent.wire.components import BASE, Component
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.kinds import KINDS
 from linked_fleet_gateway.extensions.components.declarations import CompiledComponent, compile_declarations
-from linked_fleet_gateway.extensions.components.items import event_item, property_item
+from linked_fleet_gateway.extensions.components.items import (
+    event_item,
+    event_members,
+    event_schemas,
+    property_item,
+    schema_json,
+)
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer, offers_of, segment_of
 from linked_fleet_gateway.extensions.components.places import vocabulary_iri
 from linked_fleet_gateway.extensions.components.state import ComponentState, RobotState
 from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.extensions.components.values import add_members, add_value
-from linked_fleet_gateway.faces import Offer, PartCopier, Property, joint_path, link_path, part_path, robot_path
+from linked_fleet_gateway.faces import Json, Offer, PartCopier, Property, joint_path, link_path, part_path, robot_path
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
@@ -143,6 +149,30 @@ class ComponentPart:
             {name: self.state.value(name) if current else None for name in self.declared.properties}
         )
 
+    def streams(self) -> Mapping[str, tuple[Json, Callable[[], bytes]]]:
+        """Return its values together, and each of its events, by path."""
+        return self._streams
+
+    @cached_property
+    def _streams(self) -> Mapping[str, tuple[Json, Callable[[], bytes]]]:
+        declared, found = self.declared, dict[str, tuple[Json, Callable[[], bytes]]]()
+        if values := {name: schema_json(each.schema) for name, each in declared.properties.items()}:
+            found[self.path] = _object(values), self._known_values
+        for name, each in declared.events.items():
+            found[f"{self.path}/{self._event_segment(name)}"] = (
+                _object(event_schemas(each)),
+                partial(self._event, name),
+            )
+        return found
+
+    def _known_values(self) -> bytes:
+        known = self.state.values if self.is_current else {}
+        return msgspec.json.encode({name: value for name, value in known.items() if value is not None})
+
+    def _event(self, name: str) -> bytes:
+        last = self.state.events.get(name) if self.is_current else None
+        return msgspec.json.encode(event_members(self.declared.events[name], last))
+
     def moved(self, name: str, base: str) -> list[NamedNode | Literal]:
         """Return what an action moves: joints, or the word for the base."""
         moves, robot = self.declared.actions[name].moves, self.robot.name
@@ -173,6 +203,10 @@ class ComponentPart:
     def _action_of(self, invocation: Invocation) -> str:
         offer = self.offers.get(invocation.action.rpartition("/")[2])
         return offer.of_action if isinstance(offer, ComponentOffer) else ""
+
+
+def _object(members: Json) -> Json:
+    return {"type": "object", "properties": members}
 
 
 def title_of(name: str, title: str, part: ComponentPart) -> str:

@@ -3,12 +3,14 @@
 import itertools
 from collections.abc import Hashable, Iterable, Iterator
 
+import msgspec
+
 from linked_fleet_agent.wire.messages import PictureFormat
 from linked_fleet_gateway.api import Core, Right, robot_path
 from linked_fleet_gateway.extensions.cameras.cameras import camera_path, cameras_of
-from linked_fleet_gateway.extensions.foxglove.messages import OF_ROBOT, PICTURES, SCENE, schemas
-from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter, Service
-from linked_fleet_gateway.faces import Identity, named_poses, offers_at
+from linked_fleet_gateway.extensions.foxglove.messages import OF_ROBOT, PART, PICTURES, SCENE, json_schema, schemas
+from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter, Service, input_schema
+from linked_fleet_gateway.faces import Identity, RobotPart, named_poses, offers_at, parts_of
 from linked_fleet_gateway.fleet.robot import Robot
 
 SPEED = "maximumSpeedScale"
@@ -29,6 +31,15 @@ def picture_format(formats: Iterable[str]) -> PictureFormat | None:
 
 
 _PART = "Foxglove"  # in faults
+_MARK = "~part"
+"""The end of a topic that would be that of another channel."""
+
+
+def _schemas_of(part: RobotPart) -> dict[str, bytes]:
+    """Return the schemas of the messages and of the inputs of a part by path."""
+    streams = {path: schema for path, (schema, _) in part.streams().items()}
+    inputs = {each.path: input_schema(each, "") for each in part.offers.values()}
+    return {path: msgspec.json.encode(schema) for path, schema in (streams | inputs).items()}
 
 
 class Catalogue:
@@ -43,14 +54,19 @@ class Catalogue:
         self._next = itertools.count(1)
         self._ids: dict[Hashable, int] = {}
         self._ids_before: dict[Hashable, int] = {}
+        self._schemas: dict[RobotPart, dict[str, bytes]] = {}
 
     def update(self) -> bool:
         """Read the fleet again. Return True if channels or services changed."""
         robots = self._robots()
-        version = [(each.name, each.description, each.annotations) for each in robots]
+        version = [(each.name, each.description, each.annotations, parts_of(each)) for each in robots]
         if version == self._version:
             return False
         self._version, self._ids_before, self._ids = version, self._ids, {}
+        known, self._schemas = self._schemas, {}
+        for robot in robots:
+            with self._core.faults.guard(_PART, robot.name, "its components"):
+                self._schemas |= {part: known.get(part) or _schemas_of(part) for part in parts_of(robot).values()}
         self.services = {each.id: each for each in self._find_services(robots)}
         self.channels = {each.id: each for each in self._find_channels(robots)}
         self.by_topic = {each.topic: each for each in self.channels.values()}
@@ -89,12 +105,24 @@ class Catalogue:
                 found[camera_path(robot.name, camera.name)] = PICTURES
         for at, what in found.items():
             yield Channel(self._id(at), at, schema[what], robot.name, what)
+        for part, schemas_by_path in self._schemas_at(robot):
+            for path, (_, read) in part.streams().items():
+                at, said = path + _MARK if path in found else path, schemas_by_path[path]
+                yield Channel(self._id(at, said), at, json_schema(path[1:], said), robot.name, PART, read)
+
+    def _schemas_at(self, robot: Robot) -> Iterator[tuple[RobotPart, dict[str, bytes]]]:
+        for part in parts_of(robot).values():
+            if (found := self._schemas.get(part)) is not None:
+                yield part, found
 
     def _find_services(self, robots: Iterable[Robot]) -> Iterator[Service]:
         offers = offers_at(None)
         for each in robots:
             with self._core.faults.guard(_PART, each.name, "its services"):
                 offers += offers_at(each)
+                for part, schemas_by_path in self._schemas_at(each):
+                    for offer in part.offers.values():
+                        yield Service(self._id(offer.path, schemas_by_path[offer.path]), offer, each.name)
         for offer in offers:
             if offer.definition.segment in _SERVICES:
                 # The schema of a request has the names of poses and their joints.

@@ -30,9 +30,9 @@ log = logging.getLogger(__name__)
 MOST_CLIENTS = 32
 TRANSFORMS_S = 1 / 30
 """Shortest time between two messages of transforms or poses of a robot; few viewers draw more often."""
-_LOOK_S, _SURVEY_S, _AGAIN_S = 0.006, 0.25, 1.0
+_LOOK_S, _ASK_S, _SURVEY_S, _AGAIN_S = 0.006, 0.05, 0.25, 1.0
 _AT_ONCE = 32  # frames in one piece
-_SURVEY, _FOLLOW = -1, -2  # among the ids of channels that have a task
+_SURVEY, _FOLLOW, _ASK = -1, -2, -3  # among the ids of channels that have a task
 _Run = tuple[Callable[[], Awaitable[None]], float]
 
 
@@ -85,6 +85,8 @@ class Hub:
                 runs[_FOLLOW] = self._follow, _LOOK_S
             elif channel.what == messages.PICTURES and self._pictures is not None:
                 runs[channel.id] = partial(self._picture, self._pictures, channel), 1 / MAX_RATE_HZ
+            elif channel.what == messages.PART:
+                runs[_ASK] = self._ask_parts, _ASK_S
         for id in self._tasks.keys() - runs.keys():
             self._tasks.pop(id).cancel()
         for id in runs.keys() - self._tasks.keys():
@@ -149,6 +151,13 @@ class Hub:
                 said = " ".join(filter(None, (robot.presence, robot.fault)))
                 at_ns = robot.last_seen_ns if robot.presence == "offline" else robot.heard_ns
                 self._tell(channel, messages.log(robot.name, said, robot.presence != "online", at_ns or 0))
+
+    async def _ask_parts(self) -> None:
+        """Poll the parts whose channels somebody has subscribed to."""
+        async for number in time_sliced(list(self._subscribers)):
+            channel = self._catalogue.channels.get(number)
+            if channel is not None and channel.read is not None:
+                self._tell(channel, channel.read())
 
     def _tell(self, channel: Channel, state: bytes) -> None:
         """Send a state to each subscriber that has not received it yet, once it has room."""

@@ -16,16 +16,17 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Quaternion, Vector
 
 if TYPE_CHECKING:
+    import foxglove
     from foxglove import Schema
     from foxglove import messages as fox
 else:
-    fox = LazyModule("foxglove.messages", "foxglove")
+    foxglove, fox = LazyModule("foxglove", "foxglove"), LazyModule("foxglove.messages", "foxglove")
 
 WORLD_FRAME = "world"
 STATES, TRANSFORMS, POSE = FRAMES = "joint_states", "tf", "pose"
 LOG, EVENTS = "log", "invocations"
 OF_ROBOT = (*FRAMES, LOG, EVENTS)
-SCENE, PICTURES = "/world/objects", "cameras"
+SCENE, PICTURES, PART = "/world/objects", "cameras", "part"
 LATEST_NS = 2**32 * 10**9 - 1
 """The latest time that a stamp of Foxglove can express, in 2106."""
 MESH_BYTES = 4 * 2**20
@@ -38,6 +39,11 @@ def schemas() -> "dict[str, Schema]":
     of_robot = (fox.JointStates, fox.FrameTransforms, fox.PoseInFrame, fox.Log, fox.Event)
     kinds: tuple[Any, ...] = (*of_robot, fox.SceneUpdate, fox.CompressedImage)
     return {what: kind.get_schema() for what, kind in zip((*OF_ROBOT, SCENE, PICTURES), kinds, strict=True)}
+
+
+def json_schema(name: str, schema: bytes) -> "Schema":
+    """Return the schema of a channel of JSON from a JSON Schema."""
+    return foxglove.Schema(name=name, encoding="jsonschema", data=schema)
 
 
 def joint_states(joints: Iterable[str], state: State) -> bytes:

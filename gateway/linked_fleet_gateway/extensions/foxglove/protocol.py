@@ -2,6 +2,7 @@
 
 import struct
 from base64 import b64encode
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -9,7 +10,7 @@ import msgspec
 from msgspec import Meta, Struct
 from websockets.frames import Opcode
 
-from linked_fleet_gateway.faces import Offer, form_of_input
+from linked_fleet_gateway.faces import Json, Offer, form_of_input
 from linked_fleet_gateway.serving import frame
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 
 SUBPROTOCOLS = ("foxglove.sdk.v1", "foxglove.websocket.v1")
 CAPABILITIES = ("parameters", "parametersSubscribe", "services")
-JSON = "json"
+JSON, JSON_SCHEMA = "json", "jsonschema"
 _DATA, _CALL, _RESPONSE = 1, 2, 3
 _CALL_HEADER, _DATA_HEADER = struct.Struct("<BIII"), struct.Struct("<BIQ")
 _ANSWER = {"type": "object", "properties": {"status": {"type": "integer"}, "invocation": {"type": "string"}}}
@@ -73,18 +74,34 @@ class Call:
 
 @dataclass(frozen=True)
 class Channel:
-    """A channel with messages of the kind ``what``; ``robot`` is None if it belongs to no single robot."""
+    """A channel with messages of the kind ``what``; ``robot`` is None if it belongs to no single robot.
+
+    ``read`` returns the latest message of a part.
+    """
 
     id: int
     topic: str
     schema: "Schema"
     robot: str | None
     what: str
+    read: Callable[[], bytes] | None = None
 
     def advertisement(self, base: str) -> dict[str, Any]:
-        schema, encoding = b64encode(self.schema.data).decode(), self.schema.encoding
-        said = {"id": self.id, "topic": self.topic, "encoding": encoding, "schemaEncoding": encoding}
-        return said | {"schemaName": self.schema.name, "schema": schema}
+        schema = self.schema
+        is_json = schema.encoding == JSON_SCHEMA  # whose schemas are text
+        return {
+            "id": self.id,
+            "topic": self.topic,
+            "encoding": JSON if is_json else schema.encoding,
+            "schemaEncoding": schema.encoding,
+            "schemaName": schema.name,
+            "schema": schema.data.decode() if is_json else b64encode(schema.data).decode(),
+        }
+
+
+def input_schema(offer: Offer, base: str) -> Json:
+    """Return the JSON Schema of requests to an action at ``base``."""
+    return form_of_input(offer, base).schema if offer.takes_body else {"type": "object"}
 
 
 @dataclass(frozen=True)
@@ -103,10 +120,10 @@ class Service:
         """Return the advertisement, with the schema of requests to the action at ``base``."""
         kind = self.offer.definition.segment
         said: dict[str, Any] = {"id": self.id, "name": self.offer.path.replace("/actions/", "/"), "type": kind}
-        request = form_of_input(self.offer, base).schema if self.offer.takes_body else {"type": "object"}
+        request = input_schema(self.offer, base)
         for what, schema in (("request", request), ("response", _ANSWER)):
             text = msgspec.json.encode(schema).decode()
-            form = {"encoding": JSON, "schemaName": f"{kind}_{what}", "schemaEncoding": "jsonschema", "schema": text}
+            form = {"encoding": JSON, "schemaName": f"{kind}_{what}", "schemaEncoding": JSON_SCHEMA, "schema": text}
             said[what] = form
         return said
 
