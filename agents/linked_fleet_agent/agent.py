@@ -207,6 +207,7 @@ class Agent:
         return bool(self._host)
 
     def _tick_components(self, link: Link, now_ns: int) -> None:
+        self._host.tick(now_ns / 1e9)
         prevented = self._host.prevents_motion
         if prevented and not self._prevented:
             _log.warning("%s: %s; the robot holds", self.name, prevented)

@@ -73,7 +73,17 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
                 **{name: pyfuncitem.funcargs[name] for name in inspect.signature(pyfuncitem.obj).parameters}
             )
 
-    asyncio.run(bounded())
+    async def ended() -> None:
+        try:
+            await bounded()
+        finally:
+            # An action that brakes when it is cancelled waits for ticks that do not come any more.
+            for _ in range(2):
+                for task in asyncio.all_tasks() - {asyncio.current_task()}:
+                    task.cancel()
+                await asyncio.sleep(0)
+
+    asyncio.run(ended())
     return True
 
 

@@ -31,6 +31,9 @@ class Call(Generic[F]):
         self._report, self._ended = report, threading.Event()
         self._progress: float | None = None
 
+        self.replaced = False
+        """True once the action is cancelled because a newer run of it ``takes_over``."""
+
     @property
     def cancelled(self) -> bool:
         return self._ended.is_set()
@@ -53,6 +56,7 @@ class Call(Generic[F]):
         """Publish feedback of the declared type; ten times a second at most, the newest wins."""
         self._report(None, "", msgspec.json.encode(value))
 
-    def cancel(self) -> None:
+    def cancel(self, replaced: bool = False) -> None:
         """Ask the method to end. For the agent."""
+        self.replaced = replaced
         self._ended.set()

@@ -41,6 +41,12 @@ class Component:
     emit: Emit | None = None
     """Takes events while an agent runs this component. For the agent."""
 
+    def on_tick(self, now_s: float) -> None:
+        """Do what is to be done in each tick of the agent, on its event loop, at ``now_s`` of its monotonic clock."""
+
+    def on_halt(self) -> None:
+        """Bring everything to rest that no action ends, because the agent ends or the robot has a fault."""
+
     def __init_subclass__(
         cls,
         *,
@@ -102,6 +108,7 @@ class ActionOptions(NamedTuple):
     title: str
     kind: str
     rehearse: Callable[..., float] | None
+    takes_over: bool = False
 
 
 def action(
@@ -112,6 +119,7 @@ def action(
     title: str = "",
     kind: str = "",
     rehearse: Callable[..., float] | None = None,
+    takes_over: bool = False,
 ) -> Callable[[Method], Method]:
     """Mark a method as an action. The annotations of its parameters and of what it returns are its schemas.
 
@@ -119,10 +127,13 @@ def action(
     other in a thread. ``moves`` names the joints that it moves, or ``BASE``, and makes it a motion. It may take
     ``duration_s``, and ``stop_s`` after it was cancelled. ``rehearse`` has the same parameters without ``call``; it
     returns how long the action would take, or raises ValueError with the reason why it would not be carried out.
+
+    A run that ``takes_over`` begins while an earlier run of the same action is moving, which is told so
+    (``Call.replaced``): it ends once the newer one has taken over, or else brings to rest what it moves.
     """
 
     def mark(method: Method) -> Method:
-        setattr(method, OPTIONS, ActionOptions(moves, duration_s, stop_s, title, kind, rehearse))
+        setattr(method, OPTIONS, ActionOptions(moves, duration_s, stop_s, title, kind, rehearse, takes_over))
         return method
 
     return mark

@@ -28,6 +28,7 @@ class Task:
     input: type[msgspec.Struct] | None
     takes_call: bool = False
     rehearse: Callable[..., float] | None = None
+    takes_over: bool = False
 
     @property
     def is_async(self) -> bool:
@@ -144,7 +145,7 @@ def _task(component: Component, name: str, method: Callable[..., Any]) -> Task:
         rehearses=options.rehearse is not None,
     )
     rehearse = None if options.rehearse is None else options.rehearse.__get__(component)
-    return Task(method.__get__(component), declared, given, takes_call, rehearse)
+    return Task(method.__get__(component), declared, given, takes_call, rehearse, options.takes_over)
 
 
 def _feedback_of(hint: Any) -> Any:

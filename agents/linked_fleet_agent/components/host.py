@@ -1,5 +1,6 @@
 """The components of one robot, as its agent has them: declarations, values, events and the requests of actions."""
 
+import logging
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from typing import Any
 
@@ -13,6 +14,8 @@ from linked_fleet_agent.components.readings import Readings
 from linked_fleet_agent.components.schemas import DeclarationError
 from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Operate, read_declarations, read_value
 from linked_fleet_agent.wire.messages import Refused
+
+_log = logging.getLogger(__name__)
 
 
 def declarations_of(components: Iterable[Component], links: Collection[str], joints: Collection[str]) -> list[Declared]:
@@ -35,12 +38,28 @@ class Host:
     def __init__(self, declared: Sequence[Declared], incarnation: int, clocks: Callable[[], tuple[int, int]]) -> None:
         self._declared = {each.said.name: each for each in declared}
         self._clocks = clocks
+        components = {name: each.component for name, each in self._declared.items()}
+        self._ticking = {name: each for name, each in components.items() if type(each).on_tick is not Component.on_tick}
+        self._failing = dict[str, str]()
         self.operations = Operations()
         self._readings = Readings(declared, incarnation, lambda: clocks()[0])
         self._occurrences = Occurrences(self._declared, incarnation, clocks)
 
     def __bool__(self) -> bool:
         return bool(self._declared)
+
+    def tick(self, now_s: float) -> None:
+        """Let components do what they do in each tick. While one cannot, nothing may move."""
+        for name, component in self._ticking.items():
+            try:
+                component.on_tick(now_s)
+            except Exception as error:  # noqa: BLE001 - a component may raise whatever its hardware library does
+                if name not in self._failing:
+                    _log.exception("%s: what it does in each tick has failed", name)
+                self._failing[name] = f"it fails: {error or type(error).__name__}"
+            else:
+                if self._failing and self._failing.pop(name, ""):
+                    _log.warning("%s: it works again", name)
 
     def values_due(self, now_ns: int, wall_ns: int) -> bytes | None:
         """Return the message with the values that have changed, or None."""
@@ -57,7 +76,7 @@ class Host:
     def prevents_motion(self) -> str:
         """A sentence why nothing must move now, or an empty string."""
         for name, declared in self._declared.items():
-            if why := declared.component.prevents_motion:
+            if why := self._failing.get(name) or declared.component.prevents_motion:
                 return f"{name}: {why}"
         return ""
 

@@ -28,6 +28,10 @@ Current = Annotated[float, unit("A"), Meta(title="Current")]
 PowerSupplyState = Annotated[Literal["charging", "discharging", "full", "unknown"], Meta(title="Power supply state")]
 OperationalMode = Annotated[Literal["manual", "automatic"], Meta(title="Operational mode")]
 SpeedScale = Annotated[float, _between(0, 1), Meta(title="Speed scale")]
+Metres = Annotated[float, unit("M")]
+Linear = Annotated[float, unit("M-PER-SEC"), Meta(title="Forward velocity")]
+Lateral = Annotated[float, unit("M-PER-SEC"), Meta(title="Velocity to the left")]
+Angular = Annotated[float, unit("RAD-PER-SEC"), Meta(title="Angular velocity, counterclockwise")]
 Level = Literal["ok", "warning", "error", "stale"]
 
 
@@ -45,6 +49,29 @@ class Status(Struct):
     name: Annotated[str, Meta(max_length=128)]
     level: Level
     message: Annotated[str, Meta(max_length=1024)]
+
+
+class PlanarPose(Struct):
+    """Position and heading of a base in its odometry frame."""
+
+    x: Metres
+    y: Metres
+    heading: Annotated[float, unit("RAD"), Meta(title="Heading, counterclockwise")]
+
+
+class PlanarTwist(Struct):
+    """Velocity of a base in its own frame."""
+
+    linear: Linear
+    lateral: Lateral
+    angular: Angular
+
+
+class Corner(Struct):
+    """A corner of a footprint, in the frame of the base."""
+
+    x: Metres
+    y: Metres
 
 
 class Gripper(Component, kind=LF + "Gripper", rename="camel"):
@@ -118,3 +145,12 @@ class Mode(Component, kind=LF + "Mode", rename="camel", rate_hz=5, blocking=Fals
 
 class Diagnostics(Component, kind=LF + "Diagnostics", rename="camel", rate_hz=1):
     """The states of the parts of a robot. Write the value ``status``, a list of ``Status``."""
+
+
+class Base(Component, kind=LF + "Base", rename="camel", rate_hz=10):
+    """A base that drives in the plane.
+
+    Write the values ``pose`` (in its odometry frame), ``twist`` and ``footprint`` (corners, counterclockwise), and the
+    action ``drive(linear, angular, duration)``, which moves ``BASE``, whose parameters have defaults, and which lasts a
+    second at most. ``linked_fleet_agent.components.driving`` has all of it for a base that takes velocities.
+    """

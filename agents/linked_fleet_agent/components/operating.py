@@ -100,24 +100,25 @@ class Operating:
 
     def _start(self, operate: Operate, task: Task, given: Mapping[str, Any]) -> Accepted:
         self._seen.add(operate.id)
-        moves, name = task.declared.moves, f"{operate.component}.{operate.action or operate.property}"
+        moves, name = task.declared.moves, operate.action or operate.property
         preempted = self._in_the_way(moves)
         joints = [each for each in moves if each != BASE]
-        self._outcomes += self.give_way(operate.id, moves)
+        replaced = self._operations.giving_over(operate.component, name) if task.takes_over else []
+        self._outcomes += self.give_way(operate.id, moves, replaced)
         self._outcomes += self._motions.release(joints, operate.id)
 
         def begin() -> list[Outcome]:
             self._motions.setpoints.release(joints)
-            self._operations.begin(operate.id, name, task, given, self._now_s)
+            self._operations.begin(operate.id, operate.component, name, task, given, self._now_s)
             return []
 
-        self.begin_when_free(operate.id, moves, begin, joints)
+        self.begin_when_free(operate.id, moves, begin, joints, replaced)
         return Accepted(operate.id, 0.0, preempted, self._monotonic_ns())
 
-    def give_way(self, successor: str, moves: Collection[str]) -> list[Outcome]:
-        """Preempt the actions that move one of these, and what waits to do so."""
+    def give_way(self, successor: str, moves: Collection[str], replaced: Collection[str] = ()) -> list[Outcome]:
+        """Preempt the actions that move one of these, and what waits to; ``successor`` takes over ``replaced``."""
         reason = f"replaced by command {successor}"
-        self._operations.end(self._operations.blocking(moves), "preempted", reason, self._now_s, successor)
+        self._operations.end(self._operations.blocking(moves), "preempted", reason, self._now_s, successor, replaced)
         return self._turns.end(self._turns.waiting(moves), "preempted", reason, successor)
 
     def blocking(self, moves: Collection[str]) -> list[str]:
@@ -125,18 +126,26 @@ class Operating:
         return [*self._operations.blocking(moves), *self._turns.waiting(moves)]
 
     def begin_when_free(
-        self, id: str, moves: Collection[str], begin: Callable[[], Iterable[Outcome]], standing: Sequence[str] = ()
+        self,
+        id: str,
+        moves: Collection[str],
+        begin: Callable[[], Iterable[Outcome]],
+        standing: Sequence[str] = (),
+        replaced: Collection[str] = (),
     ) -> None:
-        """Begin now, or when no action moves one of these and the setpoints of ``standing`` joints are at rest."""
-        free = partial(self._is_free, id, tuple(moves), standing)
+        """Begin now, or when no action moves one of these and the setpoints of ``standing`` joints are at rest.
+
+        Actions in ``replaced`` may still be moving.
+        """
+        free = partial(self._is_free, (id, *replaced), tuple(moves), standing)
         if free():
             self._outcomes += begin()
             return
         until_s = self._now_s + self._operations.stop_s(self._operations.blocking(moves)) + PATIENCE_S
         self._outcomes.append(self._turns.add(Turn(id, frozenset(moves), free, begin, until_s)))
 
-    def _is_free(self, id: str, moves: Sequence[str], standing: Sequence[str]) -> bool:
-        return not self._operations.blocking(moves, id) and self._motions.stands(standing)
+    def _is_free(self, besides: Collection[str], moves: Sequence[str], standing: Sequence[str]) -> bool:
+        return not self._operations.blocking(moves, besides) and self._motions.stands(standing)
 
     def hold(self, reason: str) -> list[Outcome]:
         """End everything that moves, or waits to move, the robot. It fails with ``reason``."""

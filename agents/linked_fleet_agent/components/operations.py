@@ -8,7 +8,7 @@ monotonic seconds and are passed in.
 import asyncio
 import logging
 import threading
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
+from collections.abc import Awaitable, Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -42,7 +42,7 @@ class _Operation:
     """State, reason and successor of one that was told to end."""
     overdue_s: float | None = None
     """When one that was told to end is overdue."""
-    cancel: Callable[[], None] = field(default=lambda: None)
+    cancel: Callable[[bool], None] = field(default=lambda replaced: None)
 
     @property
     def moves(self) -> frozenset[str]:
@@ -73,8 +73,9 @@ class Operations:
         """True if nothing runs, and all ends have been returned."""
         return not (self._running or self._outcomes)
 
-    def begin(self, id: str, name: str, task: Task, given: Mapping[str, Any], now_s: float) -> None:
-        """Begin an action; ``name`` is for sentences, ``given`` its input by parameter."""
+    def begin(self, id: str, component: str, name: str, task: Task, given: Mapping[str, Any], now_s: float) -> None:
+        """Begin an action of a component; ``given`` is its input by parameter."""
+        name = f"{component}.{name}"
         operation = _Operation(id, name, task, now_s + task.declared.duration_s)
         loop = asyncio.get_running_loop()
 
@@ -87,8 +88,8 @@ class Operations:
         self._outcomes.append(operation.outcome("running"))
         running = asyncio.ensure_future(task.run(**arguments)) if task.is_async else _in_thread(name, task, arguments)
 
-        def cancel() -> None:
-            call.cancel()
+        def cancel(replaced: bool) -> None:
+            call.cancel(replaced)
             if task.is_async:
                 running.cancel()
 
@@ -97,18 +98,34 @@ class Operations:
         self._tasks.add(watching)
         watching.add_done_callback(self._tasks.discard)
 
-    def blocking(self, moves: Iterable[str], besides: str = "") -> list[str]:
+    def giving_over(self, component: str, name: str) -> list[str]:
+        """Return the ids of the runs of an action that have not been told to end."""
+        name = f"{component}.{name}"
+        return [each.id for each in self._running.values() if each.name == name and each.ending is None]
+
+    def blocking(self, moves: Iterable[str], besides: Container[str] = ()) -> list[str]:
         """Return the ids of the running actions that move one of these, but for ``besides``."""
         wanted = frozenset(moves)
-        return [each.id for each in self._running.values() if each.moves & wanted and each.id != besides]
+        return [each.id for each in self._running.values() if each.moves & wanted and each.id not in besides]
 
-    def end(self, ids: Iterable[str], state: State, reason: str, now_s: float, successor: str = "") -> None:
-        """Tell actions to end, with the state that they have then. One that was told before keeps its state."""
+    def end(
+        self,
+        ids: Iterable[str],
+        state: State,
+        reason: str,
+        now_s: float,
+        successor: str = "",
+        replaced: Container[str] = (),
+    ) -> None:
+        """Tell actions to end, with the state that they have then. One that was told before keeps its state.
+
+        ``replaced`` are those whose successor takes over.
+        """
         for operation in [self._running[each] for each in ids if each in self._running]:
             if operation.ending is None:
                 operation.ending = (state, reason, successor)
                 operation.overdue_s = now_s + operation.task.declared.stop_s
-                operation.cancel()
+                operation.cancel(operation.id in replaced)
 
     @property
     def running(self) -> list[str]:
@@ -160,6 +177,9 @@ class Operations:
         """End all actions, without waiting for them. Return their ends."""
         operations = list(self._running.values())
         self.end(list(self._running), "failed", reason, now_s)
+        for operation in operations:
+            # One that brakes when it is cancelled waits for ticks that do not come any more.
+            asyncio.get_running_loop().call_soon(operation.cancel, False)
         self._running.clear()
         return [*self._outcomes, *(each.outcome("failed", reason) for each in operations)]
 

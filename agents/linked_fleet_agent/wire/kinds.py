@@ -10,7 +10,7 @@ from typing import TypeVar
 from msgspec import Struct
 from msgspec.structs import replace
 
-from linked_fleet_agent.wire.declaration import Action, Component, Event, Property
+from linked_fleet_agent.wire.declaration import BASE, Action, Component, Event, Property
 from linked_fleet_agent.wire.schema import Schema, Type
 
 LF = "https://w3id.org/linked-fleet#"
@@ -129,8 +129,33 @@ _DIAGNOSTICS = Kind(
         ),
     )
 )
+_X, _Y, _HEADING = _number("x", "M"), _number("y", "M"), _number("heading", "RAD")
+_POSE = _object("x", "y", "heading", x=_X, y=_Y, heading=_HEADING)
+_LINEAR, _LATERAL = _number("linearVelocity", "M-PER-SEC"), _number("lateralVelocity", "M-PER-SEC")
+_ANGULAR = _number("angularVelocity", "RAD-PER-SEC")
+_BASE = Kind(
+    least=Component(
+        name="base",
+        semantic_type=LF + "Base",
+        properties=_read(
+            pose=replace(_POSE, semantic_type=LF + "planarPose"),
+            twist=replace(
+                _object("linear", "lateral", "angular", linear=_LINEAR, lateral=_LATERAL, angular=_ANGULAR),
+                semantic_type=LF + "planarTwist",
+            ),
+            footprint=Schema(type="array", semantic_type=LF + "footprint", items=_object("x", "y", x=_X, y=_Y)),
+        ),
+        actions={
+            "drive": Action(
+                semantic_type=LF + "Drive",
+                input=_object(linear=_LINEAR, angular=_ANGULAR, duration=_number("driveDuration", "SEC", 0, 1)),
+                moves=(BASE,),
+            )
+        },
+    )
+)
 KINDS: Mapping[str, Kind] = {
-    each.least.semantic_type: each for each in (_GRIPPER, _BATTERY, _SWITCH, _MODE, _DIAGNOSTICS)
+    each.least.semantic_type: each for each in (_GRIPPER, _BATTERY, _SWITCH, _MODE, _DIAGNOSTICS, _BASE)
 }
 """The known kinds by IRI."""
 
@@ -174,6 +199,9 @@ def _of_property(where: str, known: Property, declared: Property) -> Iterator[st
 def _of_action(where: str, known: Action, declared: Action, *, is_still: bool) -> Iterator[str]:
     if is_still and declared.moves:
         yield f"{where} that moves nothing; this one's moves {declared.moves[0]}"
+    for moved in known.moves:
+        if moved not in declared.moves:
+            yield f"{where} that moves {moved}; this one's does not"
     yield from _of_term(where, known.semantic_type, declared.semantic_type)
     yield from _of_input(f"{where} with an input", known.input, declared.input)
     if known.result is not None:

@@ -1,5 +1,6 @@
 """The examples with components, run by an agent as their users run them."""
 
+import math
 import sys
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ def is_accepted(reply: Reply) -> bool:
     return isinstance(reply, Accepted)
 
 
-@pytest.mark.parametrize("example", ["gripper.py", "switch_box.py", "picker.py"])
+@pytest.mark.parametrize("example", ["gripper.py", "switch_box.py", "picker.py", "base.py"])
 def test_they_have_at_most_60_lines(example: str) -> None:
     assert len((EXAMPLES / example).read_text().splitlines()) <= 60
 
@@ -95,3 +96,24 @@ async def test_the_cell_picks_rehearses_and_ends_early(monkeypatch: pytest.Monke
     await bench.until(lambda: bench.states("q") == ["running"])
     assert is_accepted(bench.stop("s"))
     await bench.until(lambda: bench.states("q")[-1:] == ["cancelled"])
+
+
+async def test_the_base_drives_an_arc_by_its_two_motors() -> None:
+    from base import URDF, Cart  # type: ignore[import-not-found]
+
+    cart = Cart()
+    cell = RobotOfComponents("Cart", cart, urdf=URDF, measure=lambda: cart.angles, measure_base=lambda: cart.reading)
+    bench = Bench(other=cell)
+    given = {"linear": 0.5, "angular": 1.0, "duration": 1}
+    assert is_accepted(bench.operate("d", "drive", given, component="base"))
+    await bench.until(lambda: bench.states("d")[-1:] == ["succeeded"])
+    assert bench.states("d") == ["running", "succeeded"]
+    # 0.5 m/s for 1 s, less the acceleration and more the braking, which take as long; the radius is 0.5 m.
+    assert cart.odometry.heading == pytest.approx(1.0, abs=0.03)
+    x, y = cart.odometry[:2]
+    assert math.hypot(x, y - 0.5) == pytest.approx(0.5, abs=0.01)
+    state = bench.link.states[-1]
+    assert state.base is not None
+    assert state.base.position_m == pytest.approx((x, y, 0.0), abs=1e-3)
+    left, right = state.positions
+    assert (right - left) * 0.08 / 0.4 == pytest.approx(cart.odometry.heading, abs=1e-3)

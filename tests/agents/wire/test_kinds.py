@@ -12,7 +12,7 @@ from linked_fleet_agent.wire.kinds import KINDS, LF, kind_problem, with_terms
 
 NAMES = sorted(iri.removeprefix(LF) for iri in KINDS)
 ABSENT: Any = object()
-GRASP = ("actions", "grasp")
+GRASP, DRIVE = ("actions", "grasp"), ("actions", "drive")
 
 
 def declared(kind: str) -> dict[str, Any]:
@@ -34,8 +34,8 @@ def changed(kind: str, path: tuple[str | int, ...], to: object) -> Component:
     return msgspec.convert(said, Component)
 
 
-def test_there_are_five_kinds() -> None:
-    assert NAMES == ["Battery", "Diagnostics", "Gripper", "Mode", "Switch"]
+def test_there_are_six_kinds() -> None:
+    assert NAMES == ["Base", "Battery", "Diagnostics", "Gripper", "Mode", "Switch"]
 
 
 @pytest.mark.parametrize("kind", NAMES)
@@ -55,6 +55,14 @@ NUMBER = {"type": "number"}
 @pytest.mark.parametrize(
     ("kind", "path", "to", "said"),
     [
+        ("Base", (*DRIVE, "moves"), ABSENT, "a Base has an action 'drive' that moves base; this one's does not"),
+        ("Base", (*DRIVE, "moves"), ["wheel"], "a Base has an action 'drive' that moves base; this one's does not"),
+        (
+            "Base",
+            (*DRIVE, "input", "properties", "duration", "maximum"),
+            2,
+            "'duration' of at most 1; this one's has the maximum 2",
+        ),
         ("Gripper", ("properties", "width"), ABSENT, "a Gripper has a property 'width'; this one has none"),
         ("Gripper", (*schema("width"), "unit"), "MilliM", "'width' in M; this one's is in MilliM"),
         ("Gripper", (*schema("width"), "unit"), ABSENT, "'width' in M; this one's is without unit"),

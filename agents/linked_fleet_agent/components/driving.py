@@ -1,0 +1,173 @@
+"""The component of a base that takes velocities: it accelerates and brakes within limits, and stops by itself."""
+
+import asyncio
+import math
+from abc import abstractmethod
+from typing import Annotated, Any, ClassVar
+
+from msgspec import Meta
+
+from linked_fleet_agent.components.call import Call
+from linked_fleet_agent.components.component import action, value
+from linked_fleet_agent.components.kinds import Angular, Base, Corner, Lateral, Linear, PlanarPose, PlanarTwist
+from linked_fleet_agent.components.schemas import unit
+from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Ramp, Velocity
+from linked_fleet_agent.wire import messages
+from linked_fleet_agent.wire.components import BASE
+
+MOST_S, USUAL_S = 1.0, 0.5
+"""How long one request of velocities holds, at most and by default."""
+_STOP_MARGIN_S = 0.5
+_TAKE_OVER_TICKS = 3
+
+
+class VelocityBase(Base, blocking=False):
+    """A base that takes velocities.
+
+    A subclass names its ``limits`` and its ``corners`` (m), and writes ``send`` and ``measure``. A request of
+    velocities holds for a second at most; without a new one the base brakes within its limits. A newer request takes
+    over the speed. The velocity is sent in each tick of the agent. The motors must stop by themselves when nothing
+    comes any more, because the process of an agent can end at any time.
+    """
+
+    name = "base"
+    limits: ClassVar[DriveLimits]
+    corners: ClassVar[tuple[tuple[float, float], ...]]
+
+    def __init_subclass__(cls, *, limits: DriveLimits, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        cls.limits = limits
+        drive = _drive(limits) if not limits.lateral else _drive_sideways(limits)
+        cls.drive = drive  # type: ignore[attr-defined]
+
+    def __init__(self) -> None:
+        self.ramp = Ramp(self.limits)
+        self.pose_now, self.velocity_now = Pose(), STANDING
+        self._ticked_s: float | None = None
+        self._driver: Call[PlanarTwist] | None = None
+        self._waiting: list[asyncio.Future[None]] = []
+
+    @abstractmethod
+    def send(self, velocity: Velocity) -> None:
+        """Give this velocity to the motors."""
+
+    @abstractmethod
+    def measure(self, elapsed_s: float) -> tuple[Pose, Velocity]:
+        """Return the measured pose in the odometry frame, and the measured velocity."""
+
+    @value
+    def pose(self) -> PlanarPose:
+        """Return where the base is in its odometry frame."""
+        x, y, heading = self.pose_now
+        return PlanarPose(round(x, 4), round(y, 4), round(heading, 4))
+
+    @value
+    def twist(self) -> PlanarTwist:
+        """Return the measured velocity."""
+        return PlanarTwist(*(round(each, 3) + 0.0 for each in self.velocity_now))
+
+    @value
+    def footprint(self) -> list[Corner]:
+        """Return the corners of the base on the floor, counterclockwise."""
+        return [Corner(x, y) for x, y in self.corners]
+
+    @property
+    def reading(self) -> messages.Base:
+        """Pose and twist for state frames."""
+        (x, y, heading), (linear, lateral, angular) = self.pose_now, self.velocity_now
+        cosine, sine = math.cos(heading), math.sin(heading)
+        return messages.Base(
+            (x, y, 0.0),
+            (0.0, 0.0, math.sin(heading / 2.0), math.cos(heading / 2.0)),
+            (linear * cosine - lateral * sine, linear * sine + lateral * cosine, 0.0),
+            (0.0, 0.0, angular),
+        )
+
+    def on_tick(self, now_s: float) -> None:
+        elapsed_s = 0.0 if self._ticked_s is None else max(now_s - self._ticked_s, 0.0)
+        self._ticked_s = now_s
+        self.pose_now, self.velocity_now = self.measure(elapsed_s)
+        self.send(self.ramp.step(now_s, elapsed_s))
+        waiting, self._waiting = self._waiting, []
+        for each in waiting:
+            if not each.done():
+                each.set_result(None)
+
+    def on_halt(self) -> None:
+        """Tell the motors to stand."""
+        self.ramp = Ramp(self.limits)
+        self.send(STANDING)
+
+    async def _request(self, call: Call[PlanarTwist], wanted: Velocity, duration_s: float) -> None:
+        """Drive like this, and end when the base stands, or when a newer request has taken over."""
+        if self._ticked_s is None:
+            await self._tick()
+        assert self._ticked_s is not None
+        self._driver = call
+        self.ramp.request(wanted, self._ticked_s + duration_s)
+        try:
+            await self._until_standing(call)
+        except asyncio.CancelledError:
+            if call.replaced:
+                await self._until_taken_over(call)
+            if self._driver is call:
+                self.ramp.brake()
+                await self._until_standing(call)
+            raise
+
+    async def _until_standing(self, call: Call[PlanarTwist]) -> None:
+        while self._driver is call and not self.ramp.standing:
+            await self._tick()
+            call.feedback(self.twist)
+
+    async def _until_taken_over(self, call: Call[PlanarTwist]) -> None:
+        """Wait for the newer request, which is stopped at times before it begins."""
+        for _ in range(_TAKE_OVER_TICKS):
+            if self._driver is call:
+                await self._tick()
+
+    async def _tick(self) -> None:
+        self._waiting.append(asyncio.get_running_loop().create_future())
+        await self._waiting[-1]
+
+
+def _drive(limits: DriveLimits) -> Any:
+    async def drive(
+        self: VelocityBase,
+        call: Call[PlanarTwist],
+        linear: Linear = 0.0,
+        angular: Angular = 0.0,
+        duration: _Duration = USUAL_S,
+    ) -> None:
+        """Drive with these velocities for a short time, then brake. A newer request takes over the speed."""
+        await self._request(call, Velocity(linear, 0.0, angular), duration)
+
+    return _narrowed(drive, limits)
+
+
+def _drive_sideways(limits: DriveLimits) -> Any:
+    async def drive(
+        self: VelocityBase,
+        call: Call[PlanarTwist],
+        linear: Linear = 0.0,
+        lateral: Lateral = 0.0,
+        angular: Angular = 0.0,
+        duration: _Duration = USUAL_S,
+    ) -> None:
+        """Drive with these velocities for a short time, then brake. A newer request takes over the speed."""
+        await self._request(call, Velocity(linear, lateral, angular), duration)
+
+    return _narrowed(drive, limits)
+
+
+def _narrowed(drive: Any, limits: DriveLimits) -> Any:
+    """Return the action with the ranges of its velocities and the time that braking takes."""
+    fastest = {"linear": limits.linear, "lateral": limits.lateral, "angular": limits.angular}
+    for name, most in fastest.items():
+        if name in drive.__annotations__:
+            drive.__annotations__[name] = Annotated[drive.__annotations__[name], Meta(ge=-most, le=most)]
+    stop_s = limits.braking_s(Velocity(**fastest)) + _STOP_MARGIN_S
+    return action(moves=[BASE], duration_s=MOST_S + stop_s, stop_s=stop_s, takes_over=True)(drive)
+
+
+_Duration = Annotated[float, unit("SEC"), Meta(ge=0, le=MOST_S, title="How long the velocities hold")]
