@@ -30,7 +30,7 @@ class VelocityBase(Base, blocking=False):
     comes any more, because the process of an agent can end at any time.
     """
 
-    name = "base"
+    name = "mobile_base"  # links are often called "base"
     limits: ClassVar[DriveLimits]
     corners: ClassVar[tuple[tuple[float, float], ...]]
 

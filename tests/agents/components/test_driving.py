@@ -42,7 +42,7 @@ class Driven(Bench):
         super().__init__(other=RobotOfComponents("Base", self.base, measure_base=lambda: self.base.reading))
 
     def drive(self, id: str, **given: float) -> None:
-        assert isinstance(self.operate(id, "drive", given, component="base"), Accepted)
+        assert isinstance(self.operate(id, "drive", given, component="mobile_base"), Accepted)
 
     async def driving(self) -> None:
         """Begin to drive for a second, and reach half a metre per second."""
@@ -138,9 +138,9 @@ async def test_motors_that_take_nothing_prevent_motion_until_they_work() -> None
     bench = Driven()
     bench.base.broken = "no bus"
     await bench.tick(0.05)
-    refused = bench.operate("d", "drive", {"linear": 0.2}, component="base")
+    refused = bench.operate("d", "drive", {"linear": 0.2}, component="mobile_base")
     assert isinstance(refused, Refused)
-    assert refused.reason == "base: it fails: no bus"
+    assert refused.reason == "mobile_base: it fails: no bus"
     bench.base.broken = ""
     await bench.tick(0.05)
     bench.drive("e", linear=0.2)
@@ -175,7 +175,7 @@ async def test_a_stop_that_was_there_before_the_request_has_begun_to_drive_is_ke
     ],
 )
 async def test_what_is_out_of_range_is_refused(given: dict[str, object], said: str) -> None:
-    refused = Driven().operate("d", "drive", given, component="base")
+    refused = Driven().operate("d", "drive", given, component="mobile_base")
     assert isinstance(refused, Refused)
     assert said in refused.reason
 

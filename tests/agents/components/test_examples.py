@@ -105,7 +105,7 @@ async def test_the_base_drives_an_arc_by_its_two_motors() -> None:
     cell = RobotOfComponents("Cart", cart, urdf=URDF, measure=lambda: cart.angles, measure_base=lambda: cart.reading)
     bench = Bench(other=cell)
     given = {"linear": 0.5, "angular": 1.0, "duration": 1}
-    assert is_accepted(bench.operate("d", "drive", given, component="base"))
+    assert is_accepted(bench.operate("d", "drive", given, component="mobile_base"))
     await bench.until(lambda: bench.states("d")[-1:] == ["succeeded"])
     assert bench.states("d") == ["running", "succeeded"]
     # 0.5 m/s for 1 s, less the acceleration and more the braking, which take as long; the radius is 0.5 m.
