@@ -1,11 +1,12 @@
 """Components on pages, as people use them: a gripper, a tool and a protective stop of simulated robots."""
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from running import process
+from running import ROOT, process
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -20,6 +21,15 @@ def panda(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     ):
         live(browser, "panda")
         yield place.root + "panda/"
+
+
+@pytest.fixture
+def base(tmp_path: Path) -> Iterator[str]:
+    """The page of the base of examples/base.py."""
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser), process(str(ROOT / "examples" / "base.py"), "--connect", place.zenoh):
+        live(browser, "cart")
+        yield place.root + "cart/mobile_base"
 
 
 def do(page: Page, action: str, fill: str = "") -> None:
@@ -58,3 +68,22 @@ def test_a_protective_stop_is_shown_and_reset(page: Page, watched: object, panda
     expect(card(page, "Protective stop")).to_contain_text("true")
     do(page, "reset")
     expect(card(page, "Protective stop")).to_contain_text("false")
+
+
+def test_values_with_members_stay_within_their_cards(page: Page, watched: object, base: str) -> None:
+    page.set_viewport_size({"width": 1100, "height": 900})
+    page.goto(base)
+    expect(card(page, "pose")).to_contain_text("heading")
+    out = page.evaluate(
+        """() => [...document.querySelectorAll(".card *")].filter((each) =>
+          each.getBoundingClientRect().right > each.closest(".card").getBoundingClientRect().right)
+          .map((each) => each.outerHTML)"""
+    )
+    assert out == []
+
+
+def test_a_base_is_driven_and_comes_to_rest(page: Page, watched: object, base: str) -> None:
+    page.goto(base)
+    do(page, "drive", "0.5")
+    expect(card(page, "twist").locator("data").first).to_have_text("0")
+    expect(card(page, "pose").locator("data").first).not_to_have_text("0")
