@@ -24,6 +24,26 @@ def test_a_quantity_converts_within_its_dimension() -> None:
         Quantity(1.0, "https://example.org/Smoot").to("m")
 
 
+@pytest.mark.parametrize(
+    ("number", "of", "to", "expected"),
+    [
+        (60, "REV-PER-MIN", "RAD-PER-SEC", math.tau),
+        (2, "W-HR", "J", 7200),
+        (1.5, "A-HR", "A-HR", 1.5),
+        (3, "BAR", "PA", 3e5),
+        (2, "HR", "MIN", 120),
+    ],
+)
+def test_units_of_components_convert(number: float, of: str, to: str, expected: float) -> None:
+    assert Quantity(number, str(UNIT[of])).to(str(UNIT[to])).number == pytest.approx(expected)
+
+
+def test_celsius_and_kelvin_do_not_convert() -> None:
+    """Their zeros differ, and a size alone cannot say so."""
+    with pytest.raises(InvalidInput, match="°C cannot be given in K"):
+        Quantity(20.0, str(UNIT.DEG_C)).to(str(UNIT.K))
+
+
 def test_an_unknown_number_stays_unknown() -> None:
     assert Quantity(None, str(UNIT.RAD)).to("deg").number is None
 

@@ -85,7 +85,7 @@ def _trimmed(text: str) -> str:
 @lru_cache(maxsize=256)
 def unit(iri: str) -> str:
     """Return the unit as people write it, ``N·m`` for ``unit:N-M``; empty for a dimensionless number."""
-    return quantity.unit_label(iri).replace(" ", "·").replace("m2", "m²").replace("deg", "°")
+    return quantity.unit_label(iri).replace(" ", "·").replace("m2", "m²").replace("s2", "s²").replace("deg", "°")
 
 
 @lru_cache(maxsize=4096)

@@ -103,3 +103,11 @@ def test_an_id_is_named_by_its_container() -> None:
     assert texts.place(f"/world/objects/{one}", "/") == "object"
     assert texts.place(f"/ur5/elbow/actions/hold/invocations/{one}/blueprint", "/") == "blueprint"
     assert texts.place("/ur5/12345678", "/") == "12345678"
+
+
+@pytest.mark.parametrize(
+    ("name", "symbol"),
+    [("HZ", "Hz"), ("M-PER-SEC2", "m/s²"), ("KiloGM-M2", "kg·m²"), ("A-HR", "A·h"), ("DEG_C", "°C"), ("DEG", "°")],
+)
+def test_units_have_the_symbols_that_people_write(name: str, symbol: str) -> None:
+    assert texts.unit(f"http://qudt.org/vocab/unit/{name}") == symbol
