@@ -26,7 +26,7 @@ from linked_fleet_agent.wire.schema import Schema, schema_problem, value_problem
 
 MAX_DECLARATIONS_BYTES = MAX_RESULT_BYTES = MAX_VALUES_BYTES = 256 * 1024
 MAX_VALUE_BYTES = MAX_FEEDBACK_BYTES = MAX_EVENT_BYTES = 16_384
-MAX_INPUT_BYTES = 65_536
+MAX_INPUT_BYTES, MAX_SENTENCE = 65_536, 1024
 
 
 class Measured(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -124,7 +124,7 @@ def read_declarations(
             accepted.append(component)
     if (excess := len(declared) - MAX_COMPONENTS) > 0:
         refused.append(f"the last {excess} components are refused: {MAX_COMPONENTS} components is the maximum")
-    return accepted, refused
+    return accepted, [each[:MAX_SENTENCE] for each in refused]
 
 
 def _excess(component: Component, accepted: Sequence[Component]) -> str:

@@ -184,3 +184,9 @@ def test_the_blueprint_of_each_kind_requires_the_properties_that_its_components_
 
 def _local(declared: Property) -> str:
     return declared.schema.semantic_type.removeprefix(LF)
+
+
+def test_a_refusal_is_a_sentence_however_long_what_it_names_is() -> None:
+    said = {"name": "c", "properties": {"p": {"schema": {"type": "object", "required": ["r" * 10_000]}}}}
+    accepted, refused = read_declarations(msgspec.json.encode([said]), (), ())
+    assert (accepted, [len(each) for each in refused]) == ([], [1024])
