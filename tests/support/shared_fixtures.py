@@ -78,10 +78,12 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
             await bounded()
         finally:
             # An action that brakes when it is cancelled waits for ticks that do not come any more.
+            left = asyncio.all_tasks() - {asyncio.current_task()}
             for _ in range(2):
-                for task in asyncio.all_tasks() - {asyncio.current_task()}:
+                for task in left:
                     task.cancel()
-                await asyncio.sleep(0)
+                if left:
+                    _, left = await asyncio.wait(left, timeout=1)
 
     asyncio.run(ended())
     return True
