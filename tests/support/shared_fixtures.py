@@ -73,19 +73,7 @@ def pytest_pyfunc_call(pyfuncitem: pytest.Function) -> bool | None:
                 **{name: pyfuncitem.funcargs[name] for name in inspect.signature(pyfuncitem.obj).parameters}
             )
 
-    async def ended() -> None:
-        try:
-            await bounded()
-        finally:
-            # An action that brakes when it is cancelled waits for ticks that do not come any more.
-            left = asyncio.all_tasks() - {asyncio.current_task()}
-            for _ in range(2):
-                for task in left:
-                    task.cancel()
-                if left:
-                    _, left = await asyncio.wait(left, timeout=1)
-
-    asyncio.run(ended())
+    asyncio.run(bounded())
     return True
 
 

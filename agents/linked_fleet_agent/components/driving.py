@@ -18,7 +18,7 @@ from linked_fleet_agent.wire.components import BASE
 MOST_S, USUAL_S = 1.0, 0.5
 """How long one request of velocities holds, at most and by default."""
 _STOP_MARGIN_S = 0.5
-_TAKE_OVER_TICKS = 3
+_TAKE_OVER_TICKS, _SILENCE_S = 3, 2.0
 
 
 class VelocityBase(Base, blocking=False):
@@ -127,8 +127,10 @@ class VelocityBase(Base, blocking=False):
                 await self._tick()
 
     async def _tick(self) -> None:
+        """Wait for the next tick. Raises TimeoutError if the agent ticks no more; its end has halted the motors."""
         self._waiting.append(asyncio.get_running_loop().create_future())
-        await self._waiting[-1]
+        async with asyncio.timeout(_SILENCE_S):
+            await self._waiting[-1]
 
 
 def _drive(limits: DriveLimits) -> Any:
