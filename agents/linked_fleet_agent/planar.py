@@ -102,12 +102,11 @@ class Ramp:
     def brake(self) -> None:
         self._wanted = STANDING
 
-    def step(self, now_s: float, elapsed_s: float, scale: float = 1.0) -> Velocity:
-        """Return the velocity of the next piece; ``scale`` is the share of it that the base may use."""
+    def step(self, now_s: float, elapsed_s: float) -> Velocity:
+        """Return the velocity of the next piece."""
         if now_s >= self._until_s:
             self.brake()
-        wanted = Velocity(*(scale * each for each in self._wanted))
-        self.velocity = self.limits.toward(self.velocity, wanted, elapsed_s)
+        self.velocity = self.limits.toward(self.velocity, self._wanted, elapsed_s)
         return self.velocity
 
 

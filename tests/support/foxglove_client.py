@@ -70,17 +70,20 @@ class Client:
 
     def json_message(self, id: int) -> Any:
         """The next message of a subscription whose channel has JSON."""
-        found = self.until(lambda: next((each for each in self.data if each[0] == id), None))
+        found = self._first(id)
         self.data.remove(found)
         return json.loads(found[2])
 
     def message(self, id: int, topic: str) -> Any:
         """A message of a subscription: the first one that has not been asked for."""
-        content = self.until(lambda: next((each[2] for each in self.data if each[0] == id), None))
+        content = self._first(id)[2]
         self.data = [each for each in self.data if each[0] != id]
         channel = self.channels[topic]
         assert (channel["encoding"], channel["schemaEncoding"]) == ("protobuf", "protobuf")
         return decoded(channel["schemaName"], b64decode(channel["schema"]), content)
+
+    def _first(self, id: int) -> Any:
+        return self.until(lambda: next((each for each in self.data if each[0] == id), None))
 
     def call(self, name: str, content: bytes = b"{}", id: int = 7, encoding: bytes = b"json") -> None:
         service = self.until(lambda: self.services.get(name))["id"]

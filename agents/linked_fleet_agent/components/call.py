@@ -30,7 +30,6 @@ class Call(Generic[F]):
         """The id of the invocation."""
         self._report, self._ended = report, threading.Event()
         self._progress: float | None = None
-
         self.replaced = False
         """True once the action is cancelled because a newer run of it ``takes_over``."""
 

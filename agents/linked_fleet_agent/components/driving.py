@@ -3,6 +3,7 @@
 import asyncio
 import math
 from abc import abstractmethod
+from inspect import signature
 from typing import Annotated, Any, ClassVar
 
 from msgspec import Meta
@@ -11,6 +12,7 @@ from linked_fleet_agent.components.call import Call
 from linked_fleet_agent.components.component import action, value
 from linked_fleet_agent.components.kinds import Angular, Base, Corner, Lateral, Linear, PlanarPose, PlanarTwist
 from linked_fleet_agent.components.schemas import unit
+from linked_fleet_agent.components.ticks import Ticks
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Ramp, Velocity
 from linked_fleet_agent.wire import messages
 from linked_fleet_agent.wire.components import BASE
@@ -37,15 +39,14 @@ class VelocityBase(Base, blocking=False):
     def __init_subclass__(cls, *, limits: DriveLimits, **options: Any) -> None:
         super().__init_subclass__(**options)
         cls.limits = limits
-        drive = _drive(limits) if not limits.lateral else _drive_sideways(limits)
-        cls.drive = drive  # type: ignore[attr-defined]
+        cls.drive = _drive(limits)  # type: ignore[attr-defined]
 
     def __init__(self) -> None:
         self.ramp = Ramp(self.limits)
         self.pose_now, self.velocity_now = Pose(), STANDING
         self._ticked_s: float | None = None
         self._driver: Call[PlanarTwist] | None = None
-        self._waiting: list[asyncio.Future[None]] = []
+        self._ticks = Ticks()
 
     @abstractmethod
     def send(self, velocity: Velocity) -> None:
@@ -88,10 +89,7 @@ class VelocityBase(Base, blocking=False):
         self._ticked_s = now_s
         self.pose_now, self.velocity_now = self.measure(elapsed_s)
         self.send(self.ramp.step(now_s, elapsed_s))
-        waiting, self._waiting = self._waiting, []
-        for each in waiting:
-            if not each.done():
-                each.set_result(None)
+        self._ticks.happen()
 
     def on_halt(self) -> None:
         """Tell the motors to stand."""
@@ -128,26 +126,13 @@ class VelocityBase(Base, blocking=False):
 
     async def _tick(self) -> None:
         """Wait for the next tick. Raises TimeoutError if the agent ticks no more; its end has halted the motors."""
-        self._waiting.append(asyncio.get_running_loop().create_future())
         async with asyncio.timeout(_SILENCE_S):
-            await self._waiting[-1]
+            await self._ticks.next()
 
 
 def _drive(limits: DriveLimits) -> Any:
-    async def drive(
-        self: VelocityBase,
-        call: Call[PlanarTwist],
-        linear: Linear = 0.0,
-        angular: Angular = 0.0,
-        duration: _Duration = USUAL_S,
-    ) -> None:
-        """Drive with these velocities for a short time, then brake. A newer request takes over the speed."""
-        await self._request(call, Velocity(linear, 0.0, angular), duration)
+    """Return the action with the ranges of its velocities and the time that braking takes."""
 
-    return _narrowed(drive, limits)
-
-
-def _drive_sideways(limits: DriveLimits) -> Any:
     async def drive(
         self: VelocityBase,
         call: Call[PlanarTwist],
@@ -159,16 +144,14 @@ def _drive_sideways(limits: DriveLimits) -> Any:
         """Drive with these velocities for a short time, then brake. A newer request takes over the speed."""
         await self._request(call, Velocity(linear, lateral, angular), duration)
 
-    return _narrowed(drive, limits)
-
-
-def _narrowed(drive: Any, limits: DriveLimits) -> Any:
-    """Return the action with the ranges of its velocities and the time that braking takes."""
-    fastest = {"linear": limits.linear, "lateral": limits.lateral, "angular": limits.angular}
-    for name, most in fastest.items():
-        if name in drive.__annotations__:
-            drive.__annotations__[name] = Annotated[drive.__annotations__[name], Meta(ge=-most, le=most)]
-    stop_s = limits.braking_s(Velocity(**fastest)) + _STOP_MARGIN_S
+    fastest = Velocity(limits.linear, limits.lateral, limits.angular)
+    for name, most in fastest._asdict().items():
+        drive.__annotations__[name] = Annotated[drive.__annotations__[name], Meta(ge=-most, le=most)]
+    offered = signature(drive)
+    if not limits.lateral:
+        others = [each for each in offered.parameters.values() if each.name != "lateral"]
+        drive.__signature__ = offered.replace(parameters=others)  # type: ignore[attr-defined]
+    stop_s = limits.braking_s(fastest) + _STOP_MARGIN_S
     return action(moves=[BASE], duration_s=MOST_S + stop_s, stop_s=stop_s, takes_over=True)(drive)
 
 

@@ -58,7 +58,7 @@ class Host:
                     _log.exception("%s: what it does in each tick has failed", name)
                 self._failing[name] = f"it fails: {error or type(error).__name__}"
             else:
-                if self._failing and self._failing.pop(name, ""):
+                if self._failing.pop(name, ""):
                     _log.warning("%s: it works again", name)
 
     def values_due(self, now_ns: int, wall_ns: int) -> bytes | None:

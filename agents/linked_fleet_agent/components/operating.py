@@ -100,16 +100,16 @@ class Operating:
 
     def _start(self, operate: Operate, task: Task, given: Mapping[str, Any]) -> Accepted:
         self._seen.add(operate.id)
-        moves, name = task.declared.moves, operate.action or operate.property
+        moves, name = task.declared.moves, f"{operate.component}.{operate.action or operate.property}"
         preempted = self._in_the_way(moves)
         joints = [each for each in moves if each != BASE]
-        replaced = self._operations.giving_over(operate.component, name) if task.takes_over else []
+        replaced = self._operations.giving_over(name) if task.takes_over else []
         self._outcomes += self.give_way(operate.id, moves, replaced)
         self._outcomes += self._motions.release(joints, operate.id)
 
         def begin() -> list[Outcome]:
             self._motions.setpoints.release(joints)
-            self._operations.begin(operate.id, operate.component, name, task, given, self._now_s)
+            self._operations.begin(operate.id, name, task, given, self._now_s)
             return []
 
         self.begin_when_free(operate.id, moves, begin, joints, replaced)

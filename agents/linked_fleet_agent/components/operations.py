@@ -73,9 +73,8 @@ class Operations:
         """True if nothing runs, and all ends have been returned."""
         return not (self._running or self._outcomes)
 
-    def begin(self, id: str, component: str, name: str, task: Task, given: Mapping[str, Any], now_s: float) -> None:
-        """Begin an action of a component; ``given`` is its input by parameter."""
-        name = f"{component}.{name}"
+    def begin(self, id: str, name: str, task: Task, given: Mapping[str, Any], now_s: float) -> None:
+        """Begin an action; ``name`` is that of its component and its own, ``given`` its input by parameter."""
         operation = _Operation(id, name, task, now_s + task.declared.duration_s)
         loop = asyncio.get_running_loop()
 
@@ -98,9 +97,8 @@ class Operations:
         self._tasks.add(watching)
         watching.add_done_callback(self._tasks.discard)
 
-    def giving_over(self, component: str, name: str) -> list[str]:
+    def giving_over(self, name: str) -> list[str]:
         """Return the ids of the runs of an action that have not been told to end."""
-        name = f"{component}.{name}"
         return [each.id for each in self._running.values() if each.name == name and each.ending is None]
 
     def blocking(self, moves: Iterable[str], besides: Container[str] = ()) -> list[str]:

@@ -9,6 +9,7 @@ import mujoco
 from msgspec import Meta
 
 from linked_fleet_agent.components import Call, Force, Grasped, Gripper, Holding, Width, action, value
+from linked_fleet_agent.components.ticks import Ticks
 from linked_fleet_agent.robot import Limits
 from linked_fleet_agent.robots.parts import FingersPart
 from linked_fleet_agent.robots.servo import Servo
@@ -40,7 +41,7 @@ class Fingers:
         self.opening_m, self.effort_n = len(part.joints) * (limits.upper or 0.0), limits.effort or LEAST_FORCE_N
         self.on_lost: Callable[[], None] = lambda: None
         self._push_n = self._grip_n = self._stalled_s = 0.0
-        self._waiting: list[asyncio.Future[None]] = []
+        self._ticks = Ticks()
 
     @property
     def width(self) -> float:
@@ -92,22 +93,18 @@ class Fingers:
 
     def step(self, elapsed_s: float) -> None:
         """Take note that the simulation has advanced."""
-        if not (self._push_n or self._waiting):  # almost always
+        if not (self._push_n or self._ticks.awaited):  # almost always
             return
         pushing = self._push_n > 0.0 and self.force >= _PUSHING * self._push_n
         self._stalled_s = self._stalled_s + elapsed_s if pushing and not self.moving else 0.0
         if self.holding and self.force < _LOST * self._grip_n:
             self.hold()
             self.on_lost()
-        waiting, self._waiting = self._waiting, []
-        for each in waiting:
-            if not each.done():
-                each.set_result(None)
+        self._ticks.happen()
 
     async def stepped(self) -> None:
         """Wait until the simulation has advanced."""
-        self._waiting.append(asyncio.get_running_loop().create_future())
-        await self._waiting[-1]
+        await self._ticks.next()
 
     def put(self, width_m: float) -> None:
         """Put something of this width between the fingers. Raises ValueError if it does not fit."""
