@@ -38,7 +38,8 @@ _API = {
                           "linked_fleet_agent.settings", "linked_fleet_agent.mesh_files", "linked_fleet_agent.urdf",
                           "linked_fleet_agent.components", "linked_fleet_agent.components.component",
                           "linked_fleet_agent.components.call", "linked_fleet_agent.components.schemas",
-                          "linked_fleet_agent.robots.of_components"),
+                          "linked_fleet_agent.components.kinds", "linked_fleet_agent.components.driving",
+                          "linked_fleet_agent.planar", "linked_fleet_agent.robots.of_components"),
     "Extensions of gateways": contract_modules(),
 }  # fmt: skip
 
