@@ -102,11 +102,12 @@ class Ramp:
     def brake(self) -> None:
         self._wanted = STANDING
 
-    def step(self, now_s: float, elapsed_s: float) -> Velocity:
-        """Return the velocity of the next piece."""
+    def step(self, now_s: float, elapsed_s: float, share: float = 1.0) -> Velocity:
+        """Return the velocity of the next piece. ``share`` is the share of its speed that the base uses."""
         if now_s >= self._until_s:
             self.brake()
-        self.velocity = self.limits.toward(self.velocity, self._wanted, elapsed_s)
+        wanted = Velocity(*(share * each for each in self._wanted))
+        self.velocity = self.limits.toward(self.velocity, wanted, elapsed_s)
         return self.velocity
 
 

@@ -44,7 +44,7 @@ def test_holds_its_pose_against_gravity(robot: Robot) -> None:
 def test_apply_reaches_its_target_and_stop_holds(robot: Robot) -> None:
     """A small step is reached and returned, and stop keeps it."""
     facts, start = robot.describe(), _run(robot, 0.0, 0.0)
-    index = next(i for i, joint in enumerate(facts.joints) if joint.mimics is None and not joint.linear)
+    index = next(i for i, joint in enumerate(facts.joints) if not (joint.mimics or joint.linear or joint.passive))
     joint = facts.joints[index]
     target = joint.limits.clamp(start[index] + 0.05)
     assert robot.apply({joint.name: target}) == {joint.name: target}

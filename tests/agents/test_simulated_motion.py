@@ -97,7 +97,7 @@ def _held_its_limits(bench: Bench) -> None:
 
 def _stands_upright(bench: Bench) -> None:
     base = bench.frames[-1].base
-    if base is not None:
+    if base is not None and MODELS[bench.agent.name].parts.base is None:
         assert base.position_m[2] > 0.18
         assert base.orientation_xyzw[3] > 0.99
 

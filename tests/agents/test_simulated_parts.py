@@ -6,49 +6,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from component_agent import Bench
-from linked_fleet_agent.robots.catalogue import MODELS, load
-from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
-from linked_fleet_agent.robots.simulated_fingers import Fingers
+from linked_fleet_agent.robots.catalogue import MODELS
 from linked_fleet_agent.robots.simulated_parts import MANUAL_SCALE
 from linked_fleet_agent.wire import codec
-from linked_fleet_agent.wire.components import DescriptionWithComponents, Values, read_declarations
+from linked_fleet_agent.wire.components import DescriptionWithComponents, read_declarations
 from linked_fleet_agent.wire.kinds import LF
 from linked_fleet_agent.wire.messages import Accepted, Refused
+from simulated_bench import Simulated
 
 FINGER = "panda_finger_joint1"
-
-
-class Simulated(Bench):
-    """A robot of the catalogue with its agent."""
-
-    def __init__(self, source: str) -> None:
-        robot = load(source, source)
-        assert isinstance(robot, MujocoRobot)
-        self.mujoco = robot
-        super().__init__(other=robot)
-
-    @property
-    def fingers(self) -> Fingers:
-        return next(iter(self.mujoco.fingers.values()))
-
-    def shown(self, component: str) -> dict[str, Any]:
-        """Return the values of a component as a gateway that has just come gets them."""
-        said = codec.decode(self.agent.values(), Values).components[component]
-        return {name: msgspec.json.decode(each) for name, each in said.values.items()}
-
-    async def do(self, component: str, action: str, seconds: float = 3.0, /, **given: object) -> str:
-        """Carry out an action and return its end."""
-        id = f"{action}-{self.now_ns}"
-        reply = self.operate(id, action, given or None, component=component)
-        assert isinstance(reply, Accepted), reply
-        await self.tick(seconds)
-        return self.end(id).state
-
-    async def set(self, component: str, name: str, to: object) -> None:
-        id = f"{name}-{self.now_ns}"
-        assert isinstance(self.operate(id, "", to, property=name, component=component), Accepted)
-        await self.until(lambda: self.states(id)[-1:] == ["succeeded"])
 
 
 async def holding(source: str = "panda", component: str = "gripper") -> Simulated:
@@ -65,7 +31,7 @@ KINDS = {
     "baxter": {"left_fingers": "Gripper", "right_fingers": "Gripper"},
     "panda": {"gripper": "Gripper"},
     "ur5": {"tool": "Switch"},
-    "tiago": {"battery": "Battery"},
+    "tiago": {"battery": "Battery", "mobile_base": "Base"},
     "go2": {"battery": "Battery"},
 }
 
@@ -73,7 +39,7 @@ KINDS = {
 @pytest.mark.parametrize("source", sorted(MODELS))
 def test_each_robot_declares_its_parts_and_the_simulation(source: str) -> None:
     bench = Simulated(source)
-    links = {"panda_hand", "left_gripper_base_link", "right_gripper_base_link", "tool0"}
+    links = {"panda_hand", "left_gripper_base_link", "right_gripper_base_link", "tool0", "base_footprint"}
     said = codec.decode(bench.agent.description, DescriptionWithComponents)
     declared, refused = read_declarations(said.components, links, said.joints)
     assert refused == []

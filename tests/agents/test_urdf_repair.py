@@ -135,7 +135,7 @@ def test_a_capsule_is_a_cylinder_and_two_spheres(tmp_path: Path) -> None:
         '<origin xyz="1 0 0" rpy="0 1.5707963267948966 0"/><geometry><capsule radius="0.1" length="0.4"/></geometry>'
     )
     urdf = _body(f"<inertial>{SOUND}</inertial><collision>{capsule}</collision>")
-    model = build(urdf, "r", joints_of(urdf), {}, True, None)
+    model = build(urdf, "r", joints_of(urdf), {}, "floating", None)
     shapes = [index for index in range(model.ngeom) if model.geom_bodyid[index] == model.body("b").id]
     assert [model.geom_size[index].tolist()[:2] for index in shapes] == [[0.1, 0.2], [0.1, 0], [0.1, 0]]
     assert model.geom_pos[shapes] == pytest.approx(np.array([[1, 0, 0], [0.8, 0, 0], [1.2, 0, 0]]))
@@ -160,7 +160,7 @@ def test_a_mesh_that_mujoco_cannot_use_is_left_out_with_its_link_and_reason(
         f'<collision><geometry><mesh filename="{name}"/></geometry></collision>' for name in ("bad.stl", "good.stl")
     )
     urdf = _body(f"<inertial>{SOUND}</inertial>{shapes}")
-    model = build(urdf, "r", joints_of(urdf), {}, True, tmp_path / "r.urdf")
+    model = build(urdf, "r", joints_of(urdf), {}, "floating", tmp_path / "r.urdf")
     assert model.nmesh == 1
     (said,) = {each for each in caplog.messages if "left out" in each and "link a" in each}
     assert "r: link a: collision mesh 'bad.stl' is left out: " in said and reason in said

@@ -9,8 +9,11 @@ from rdflib import URIRef
 
 from browser import HYBRIT, LF, MATHS, PROV, SPATIAL, VOM, Browser
 from commanding import ended
+from simulated_robots import TURNTABLE
 
 pytestmark = pytest.mark.virtual
+
+ROBOTS = ("baxter", "panda", "ur5", f"turntable={TURNTABLE}")
 
 _PREFIXES = """@prefix rdf: <http://www.w3.org/1999/02/22-rdf-syntax-ns#> .
 @prefix xsd: <http://www.w3.org/2001/XMLSchema#> .
@@ -81,13 +84,13 @@ def test_prismatic_joint_translates_in_millimetres(browser: Browser) -> None:
 
 
 def test_continuous_joint_takes_a_whole_turn_of_angles(browser: Browser) -> None:
-    """TIAGo's wheel: 350° is admitted (no limits) and reached the short way; 360° is not."""
-    url = _action(browser, "tiago", "wheel_left_joint")
+    """350° is admitted (no limits) and reached the short way; 360° is not."""
+    url = _action(browser, "turntable", "turn")
     body = _PREFIXES + "<> vom:numericalValue 350 ; vom:unit maths:Degree ."
     answer = _put(browser, url, body, prefer="wait=30")
     assert answer.status_code == 204, answer.text
     assert ended(browser, answer.headers["location"]).one(LF.state) == LF.succeeded
-    assert math.degrees(_angle(browser, "tiago", "wheel_left_joint")) == pytest.approx(-10, abs=1)
+    assert math.degrees(_angle(browser, "turntable", "turn")) == pytest.approx(-10, abs=1)
     assert _put(browser, url, body.replace("350", "360")).status_code == 422
 
 

@@ -1,4 +1,4 @@
-"""Actions of joints, robots and the fleet beyond Figure 5, over HTTP and by links, on the five robots of the demo."""
+"""Actions of joints, robots and the fleet beyond Figure 5, on the robots of the demo and one that turns endlessly."""
 
 import math
 
@@ -10,9 +10,13 @@ from browser import HYBRIT, LF, MATHS, ROS, Browser, Page
 from commanding import ended
 from commands import PREFIXES, Commanded, pose_body, scalar
 from running import eventually
+from shared_fixtures import ROBOTS as ALL
+from simulated_robots import TURNTABLE
 from small_fleet import number, property_page
 
 pytestmark = pytest.mark.virtual
+
+ROBOTS = (*ALL, f"turntable={TURNTABLE}")
 
 CLOSE_M, CLOSE_RAD = 1e-3, math.radians(0.5)
 _OPEN = (LF.accepted, LF.running)
@@ -20,7 +24,7 @@ _KINDS = {
     ROS.RevoluteJoint: {LF.Rotate, LF.RotateBy, LF.Hold},
     LF.ContinuousJoint: {LF.Rotate, LF.RotateBy, LF.Hold},
     LF.PrismaticJoint: {LF.Translate, LF.TranslateBy, LF.Hold},
-    LF.Robot: {LF.MoveJoints, LF.FollowTrajectory, LF.Reach, LF.AssumePose, LF.StopRobot},
+    LF.Robot: {LF.MoveJoints, LF.FollowTrajectory, LF.Reach, LF.StopRobot},
     LF.Fleet: {LF.StopAll},
 }
 _SLOWLY = "lf:speed [ vom:numericalValue 0.1 ; vom:unit unit:RAD-PER-SEC ]"
@@ -53,14 +57,16 @@ def _kinds(browser: Browser, thing: Page) -> set[object]:
 
 
 def test_each_thing_links_the_actions_of_its_kind(browser: Browser, tiago: Commanded) -> None:
-    """Fleet, robots, and joints of every kind; a fixed or mimicking joint has none."""
+    """Fleet, robots, and joints of every kind; one that is fixed, mimics or takes no commands has none."""
     assert _kinds(browser, browser.page(browser.root)) == _KINDS[LF.Fleet]
     for robot in browser.robots():
-        assert _kinds(browser, robot) == _KINDS[LF.Robot], robot.url
-    for title in ("arm_1_joint", "wheel_left_joint", "torso_lift_joint"):
-        joint = browser.page(tiago.joints[title])
+        poses = set() if robot.url.endswith("turntable/") else {LF.AssumePose}
+        assert _kinds(browser, robot) == _KINDS[LF.Robot] | poses, robot.url
+    turning = browser.part("turntable", "turn")
+    for joint in (turning, *(browser.page(tiago.joints[title]) for title in ("arm_1_joint", "torso_lift_joint"))):
         (expected,) = [_KINDS[kind] for kind in joint.types if kind in _KINDS]
-        assert _kinds(browser, joint) == expected, title
+        assert _kinds(browser, joint) == expected, joint.url
+    assert _kinds(browser, browser.page(tiago.joints["wheel_left_joint"])) == set(), "its base turns it"
     fixed = next(url for url in tiago.joints.values() if (URIRef(url), RDF.type, LF.FixedJoint) in tiago.page.graph)
     assert _kinds(browser, browser.page(fixed)) == set()
     assert _kinds(browser, browser.part("panda", "panda_finger_joint2")) == set()

@@ -10,6 +10,7 @@ import math
 import threading
 from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 from typing import NamedTuple
 
 import mujoco
@@ -33,6 +34,8 @@ RESTING_RAD_S = 0.02
 _PAUSE_S = 0.004  # between ticks; less than TICK_S, so that robots run faster than real time
 _ROOT = 1  # the body of the root link
 SIMULATED = "simulated"
+TURNTABLE = Path(__file__).with_name("turntable.urdf")
+"""A robot whose one joint turns endlessly."""
 
 
 class Step(NamedTuple):
@@ -45,15 +48,15 @@ class Step(NamedTuple):
 
 
 class SimulatedRobot:
-    """A robot of the catalogue with its agent. ``steps``: those since ``watch``."""
+    """A robot of the catalogue or the turntable, with its agent. ``steps``: those since ``watch``."""
 
     def __init__(self, name: str) -> None:
-        robot = load(name, name)
+        robot = load(name, str(TURNTABLE) if name == TURNTABLE.stem else name)
         assert isinstance(robot, MujocoRobot)
         facts = robot.describe()
         self.name, self.joints = name, {joint.name: joint for joint in facts.joints}
         self.linear = {joint.name for joint in facts.joints if joint.linear}
-        self.poses = poses_of(MODELS[name], facts.joints)
+        self.poses = poses_of(MODELS[name], facts.joints) if name in MODELS else {}
         # The simulator's state, which otherwise only the driver has.
         self.model, self.data = robot._model, robot._data
         self._qpos, self._dof, self._setpoints = robot._qpos, robot._dof, robot._setpoints

@@ -48,6 +48,11 @@ class VelocityBase(Base, blocking=False):
         self._driver: Call[PlanarTwist] | None = None
         self._ticks = Ticks()
 
+    @property
+    def speed_share(self) -> float:
+        """The share of its speed that the base uses, of which all parts of a velocity are reduced alike."""
+        return 1.0
+
     @abstractmethod
     def send(self, velocity: Velocity) -> None:
         """Give this velocity to the motors."""
@@ -75,20 +80,13 @@ class VelocityBase(Base, blocking=False):
     @property
     def reading(self) -> messages.Base:
         """Pose and twist for state frames."""
-        (x, y, heading), (linear, lateral, angular) = self.pose_now, self.velocity_now
-        cosine, sine = math.cos(heading), math.sin(heading)
-        return messages.Base(
-            (x, y, 0.0),
-            (0.0, 0.0, math.sin(heading / 2.0), math.cos(heading / 2.0)),
-            (linear * cosine - lateral * sine, linear * sine + lateral * cosine, 0.0),
-            (0.0, 0.0, angular),
-        )
+        return planar_base(self.pose_now, self.velocity_now)
 
     def on_tick(self, now_s: float) -> None:
         elapsed_s = 0.0 if self._ticked_s is None else max(now_s - self._ticked_s, 0.0)
         self._ticked_s = now_s
         self.pose_now, self.velocity_now = self.measure(elapsed_s)
-        self.send(self.ramp.step(now_s, elapsed_s))
+        self.send(self.ramp.step(now_s, elapsed_s, self.speed_share))
         self._ticks.happen()
 
     def on_halt(self) -> None:
@@ -128,6 +126,18 @@ class VelocityBase(Base, blocking=False):
         """Wait for the next tick. Raises TimeoutError if the agent ticks no more; its end has halted the motors."""
         async with asyncio.timeout(_SILENCE_S):
             await self._ticks.next()
+
+
+def planar_base(pose: Pose, velocity: Velocity) -> messages.Base:
+    """Return pose and twist for state frames."""
+    (x, y, heading), (linear, lateral, angular) = pose, velocity
+    cosine, sine = math.cos(heading), math.sin(heading)
+    return messages.Base(
+        (x, y, 0.0),
+        (0.0, 0.0, math.sin(heading / 2.0), math.cos(heading / 2.0)),
+        (linear * cosine - lateral * sine, linear * sine + lateral * cosine, 0.0),
+        (0.0, 0.0, angular),
+    )
 
 
 def _drive(limits: DriveLimits) -> Any:

@@ -9,9 +9,10 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots, mesh_files
+from linked_fleet_agent.planar import Differential, DriveLimits
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
 from linked_fleet_agent.robots.camera_client import probe, with_availability
-from linked_fleet_agent.robots.parts import NO_PARTS, BatteryPart, FingersPart, Parts, ToolPart
+from linked_fleet_agent.robots.parts import NO_PARTS, BasePart, BatteryPart, FingersPart, Parts, ToolPart, corners_of
 from linked_fleet_agent.robots.ros2.address import SCHEME, Address, AddressError, parse_address
 from linked_fleet_agent.urdf import UrdfError, decode, joints_of
 from linked_fleet_agent.wire.keys import escape
@@ -75,6 +76,16 @@ def _camera(name: str, link: str, orientation_xyzw: tuple[float, float, float, f
         far_m=20.0,
     )
 
+
+_PMB2 = BasePart(
+    "Base",
+    "base_footprint",
+    DriveLimits(linear=1.0, angular=1.5, linear_acceleration=1.0, angular_acceleration=2.0),
+    corners_of(radius=0.275),
+    Differential(radius=0.0985, separation=0.4044),
+    ("wheel_left_joint", "wheel_right_joint"),
+)
+"""The base of TIAGo."""
 
 MODELS: Mapping[str, Model] = {
     "baxter": Model(
@@ -157,8 +168,9 @@ MODELS: Mapping[str, Model] = {
                 "arm_7_joint": 0.0,
             }
         },
+        floating=True,
         cameras=(_camera("head", "xtion_rgb_optical_frame"),),
-        parts=Parts(battery=BatteryPart(capacity_wh=720.0, idle_w=60.0, charger_w=300.0)),
+        parts=Parts(base=_PMB2, battery=BatteryPart(capacity_wh=720.0, idle_w=60.0, charger_w=300.0)),
     ),
     "go2": Model(
         "go2_description/urdf/go2.urdf",
@@ -204,7 +216,8 @@ def data_folder() -> Path:
 
 def facts_of(model: Model, urdf: str) -> Facts:
     """Return the facts of a model from the text of its file. Raises UrdfError."""
-    joints = joints_of(urdf)
+    wheels = () if model.parts.base is None else model.parts.base.wheels
+    joints = tuple(replace(joint, passive=joint.passive or joint.name in wheels) for joint in joints_of(urdf))
     return Facts(model.title, urdf, joints, model.floating, _annotations(model, joints))
 
 

@@ -4,6 +4,7 @@ import logging
 import re
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
+from typing import Literal
 
 import mujoco
 import numpy as np
@@ -12,6 +13,8 @@ from linked_fleet_agent.robot import JointFacts
 from linked_fleet_agent.robots.urdf_repair import simulable_urdf
 
 _log = logging.getLogger(__name__)
+
+BaseKind = Literal["fixed", "floating", "rolling"]
 
 FIXED_TIMESTEP_S = 0.005
 FLOATING_TIMESTEP_S = 0.002
@@ -26,6 +29,8 @@ ARMATURE_KG_M2, ARMATURE_KG = 0.01, 0.1
 # A finger pushes with all its force when its setpoint is this far ahead, and moves no further if the object is lost.
 FULL_FORCE_LEAD_M = 0.002
 _FASTEST_SERVO_RAD_S = 200.0
+PLANE = ("plane x", "plane y", "plane turn")
+"""Joints of a base that rolls: where it is on the floor, and its heading."""
 _FOOT_RADIUS_M = 0.02
 
 
@@ -34,34 +39,47 @@ def build(
     robot: str,
     joints: Sequence[JointFacts],
     home: Mapping[str, float],
-    floating: bool,
+    base: BaseKind,
     file: Path | None,
     fingers: Collection[str] = (),
+    wheels: Sequence[str] = (),
 ) -> mujoco.MjModel:
-    """Compile the model. Servos are in the order of the joints that take commands. ``fingers`` are joints of grippers.
+    """Compile the model. ``fingers`` are joints of grippers.
 
-    Raises UrdfError or ValueError, with the robot's name, if MuJoCo cannot build a model.
+    Servos are in the order of the joints that take commands. The velocity servos of a rolling base follow, first those
+    of ``PLANE``, then those of its ``wheels``. Raises UrdfError or ValueError, with the robot's name, if MuJoCo cannot
+    build a model.
     """
-    meshes, commanded = file if floating else None, [joint for joint in joints if joint.mimics is None]
+    meshes, moving = file if base == "floating" else None, base == "floating"
+    commanded = commanded_joints(joints, wheels)
     try:
-        model = _compiled(simulable_urdf(urdf, robot, floating, meshes), robot, commanded, floating)
+        model = _compiled(simulable_urdf(urdf, robot, moving, meshes), robot, commanded, base, wheels)
     except ValueError:
         # Often it is one mesh. Each alone is compiled only now, because that takes as long as the robot.
-        text = simulable_urdf(urdf, robot, floating, meshes, mesh_fault)
+        text = simulable_urdf(urdf, robot, moving, meshes, mesh_fault)
         try:
-            model = _compiled(text, robot, commanded, floating)
+            model = _compiled(text, robot, commanded, base, wheels)
         except ValueError as error:
             raise ValueError(f"{robot}: this URDF cannot be simulated: {reason_of(error)}") from error
-    _size_servos(model, commanded, home, floating, fingers)
+    _size_servos(model, commanded, home, base == "floating", fingers)
     return model
 
 
-def _compiled(text: str, robot: str, commanded: Sequence[JointFacts], floating: bool) -> mujoco.MjModel:
+def commanded_joints(joints: Sequence[JointFacts], wheels: Sequence[str] = ()) -> list[JointFacts]:
+    """Return the joints with a position servo."""
+    return [joint for joint in joints if joint.mimics is None and joint.name not in wheels]
+
+
+def _compiled(
+    text: str, robot: str, commanded: Sequence[JointFacts], base: BaseKind, wheels: Sequence[str]
+) -> mujoco.MjModel:
     spec = mujoco.MjSpec.from_string(text)
-    _set_up(spec, floating)
-    _set_on_ground(spec, robot) if floating else _fix_base(spec)
+    _set_up(spec, base == "floating")
+    _set_on_ground(spec, robot) if base == "floating" else _fix_base(spec)
     for joint in commanded:
         _add_servo(spec, joint)
+    if base == "rolling":
+        _add_plane(spec, wheels)
     return spec.compile()
 
 
@@ -122,6 +140,16 @@ def _set_on_ground(spec: mujoco.MjSpec, robot: str) -> None:
     ground.contype, ground.conaffinity, ground.friction = 1, 0, [1.0, 0.02, 0.001]
 
 
+def _add_plane(spec: mujoco.MjSpec, wheels: Sequence[str]) -> None:
+    """Let the base slide over the floor and turn, and add servos for the velocities of both and of the wheels."""
+    slide, hinge = mujoco.mjtJoint.mjJNT_SLIDE, mujoco.mjtJoint.mjJNT_HINGE
+    body = spec.worldbody.first_body()
+    for name, kind, axis in zip(PLANE, (slide, slide, hinge), ([1, 0, 0], [0, 1, 0], [0, 0, 1]), strict=True):
+        body.add_joint(name=name, type=kind, axis=axis)
+    for name in (*PLANE, *wheels):
+        spec.add_actuator(target=name, trntype=mujoco.mjtTrn.mjTRN_JOINT).set_to_velocity(kv=1.0)
+
+
 def _add_servo(spec: mujoco.MjSpec, joint: JointFacts) -> None:
     servo = spec.add_actuator(target=joint.name, trntype=mujoco.mjtTrn.mjTRN_JOINT)
     servo.set_to_position(kp=1.0, kv=1.0)
@@ -154,6 +182,9 @@ def _size_servos(
         damping = max(0.0, 2.0 * np.sqrt(stiffness * inertia) - model.dof_damping[dof])
         model.actuator_gainprm[index, 0] = stiffness
         model.actuator_biasprm[index, 1:3] = -stiffness, -damping
+    for index in range(len(joints), model.nu):  # velocities, which are reached within a timestep or two
+        gain = inertias[model.jnt_dofadr[model.actuator_trnid[index, 0]]] / model.opt.timestep
+        model.actuator_gainprm[index, 0], model.actuator_biasprm[index, 2] = gain, -gain
     mujoco.mj_setConst(model, mujoco.MjData(model))
 
 

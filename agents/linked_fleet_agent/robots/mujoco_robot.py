@@ -11,11 +11,13 @@ import mujoco
 import numpy as np
 
 from linked_fleet_agent.components import Component, Status
+from linked_fleet_agent.components.driving import planar_base
 from linked_fleet_agent.robot import Facts, PictureError, Reading, RobotFaultError
 from linked_fleet_agent.robots.camera_client import Renderer, Scene
-from linked_fleet_agent.robots.mujoco_model import build
+from linked_fleet_agent.robots.mujoco_model import BaseKind, build, commanded_joints
 from linked_fleet_agent.robots.parts import NO_PARTS, FingersPart, Parts
 from linked_fleet_agent.robots.servo import Servo
+from linked_fleet_agent.robots.simulated_base import RollingBase
 from linked_fleet_agent.robots.simulated_fingers import Fingers
 from linked_fleet_agent.robots.simulated_parts import Measured, SimulatedMode, components_of
 from linked_fleet_agent.trajectory import cruise_of
@@ -34,8 +36,9 @@ class MujocoRobot:
     """Driver based on MjModel and MjData.
 
     ``home`` maps joints to their first positions (others: 0), clamped to the limits; ``home_height_m`` is the height of
-    a floating base. ``file`` is the path of the URDF, for finding its meshes; ``renders_by`` is the OpenGL backend of
-    its cameras (``camera_client.py``). Raises ValueError (UrdfError) if no model can be built.
+    a floating base. A base that rolls (``parts.base``) stands on the floor. ``file`` is the path of the URDF, for
+    finding its meshes; ``renders_by`` is the OpenGL backend of its cameras (``camera_client.py``). Raises ValueError
+    (UrdfError) if no model can be built.
 
     Components are a mode, diagnostics, the simulation itself, and the ``parts``; ``fingers`` are those of its grippers.
     """
@@ -55,7 +58,10 @@ class MujocoRobot:
         wanted = {joint.name: (home or {}).get(joint.name, 0.0) for joint in facts.joints}
         pose = {joint: self._limits[joint].clamp(position) for joint, position in wanted.items()}
         driving = [part.joints[0] for part in parts.fingers]
-        self._model = build(facts.urdf, name, facts.joints, pose, facts.floating, file, driving)
+        wheels = () if parts.base is None else parts.base.wheels
+        kind: BaseKind = "floating" if facts.floating else "fixed"
+        kind = kind if parts.base is None else "rolling"
+        self._model = build(facts.urdf, name, facts.joints, pose, kind, file, driving, wheels)
         self._data = mujoco.MjData(self._model)
         scene = Scene(
             robot=name, urdf=facts.urdf, file=str(file or ""), floating=facts.floating, home=pose, cameras=facts.cameras
@@ -65,14 +71,15 @@ class MujocoRobot:
         joints = [self._model.joint(joint.name) for joint in facts.joints]
         self._qpos = np.array([joint.qposadr[0] for joint in joints], dtype=int)
         self._dof = np.array([joint.dofadr[0] for joint in joints], dtype=int)
-        commanded = [index for index, joint in enumerate(facts.joints) if joint.mimics is None]
-        self._servo = {facts.joints[index].name: servo for servo, index in enumerate(commanded)}
+        with_servo = [joint.name for joint in commanded_joints(facts.joints, wheels)]
+        self._servo = {joint: index for index, joint in enumerate(with_servo)}
+        commanded = [self._names.index(joint) for joint in with_servo]
         self._servo_qpos = self._qpos[commanded]
         # A real drive limits its speed. The setpoint leads the joint by at most the distance at which damping balances
         # the servo at the speed limit.
         speeds = np.array([facts.joints[index].limits.velocity or np.inf for index in commanded])
-        damping = self._model.dof_damping[self._dof[commanded]] - self._model.actuator_biasprm[:, 2]
-        damping_s = damping / self._model.actuator_gainprm[:, 0]
+        bias, gain = self._model.actuator_biasprm[: len(commanded)], self._model.actuator_gainprm[: len(commanded)]
+        damping_s = (self._model.dof_damping[self._dof[commanded]] - bias[:, 2]) / gain[:, 0]
         self._full_reach = speeds * damping_s
         self._cruise_reach = np.array([cruise_of(facts.joints[index]) for index in commanded]) * damping_s
         self._scale, self._reach = 1.0, self._full_reach.copy()
@@ -82,9 +89,10 @@ class MujocoRobot:
         self._left_out_s, self._slow_until_s = 0.0, 0.0
         self.fingers = {part.name: self._fingers_of(part) for part in parts.fingers}
         self._driven = dict(zip(driving, self.fingers.values(), strict=True))
+        self.base = None if parts.base is None else RollingBase(self._model, self._data, parts.base, len(commanded))
         self._mode = SimulatedMode()
         measured = Measured(self._time_s, self._mechanical_w, self._status)
-        self._components, self._followers = components_of(parts, self.fingers, self._mode, measured)
+        self._components, self._followers = components_of(parts, self.fingers, self.base, self._mode, measured)
         self._place(pose, home_height_m)
 
     def describe(self) -> Facts:
@@ -103,7 +111,7 @@ class MujocoRobot:
             positions=tuple(data.qpos[self._qpos].tolist()),
             velocities=tuple(data.qvel[self._dof].tolist()),
             efforts=tuple(data.qfrc_actuator[self._dof].tolist()),
-            base=self._base() if self._facts.floating else None,
+            base=self._base(),
         )
 
     def apply(self, setpoints: Mapping[str, float]) -> dict[str, float]:
@@ -140,9 +148,9 @@ class MujocoRobot:
     def _place(self, pose: Mapping[str, float], height_m: float) -> None:
         for joint, address in zip(self._facts.joints, self._qpos, strict=True):
             self._data.qpos[address] = pose[joint.name]
-        if self._facts.floating:
+        if self._facts.floating and self.base is None:
             self._data.qpos[:7] = (0, 0, height_m, 1, 0, 0, 0)
-        self._setpoints[:] = self._data.ctrl[:] = self._data.qpos[self._servo_qpos]
+        self._setpoints[:] = self._data.ctrl[: len(self._setpoints)] = self._data.qpos[self._servo_qpos]
         mujoco.mj_forward(self._model, self._data)
 
     def _advance(self, now_s: float) -> None:
@@ -158,7 +166,10 @@ class MujocoRobot:
             if (scale := self._mode.used_scale) != self._scale:
                 self._rescale(scale)
             measured = self._data.qpos[self._servo_qpos]
-            self._data.ctrl[:] = measured + np.clip(self._setpoints - measured, -self._reach, self._reach)
+            lead = np.clip(self._setpoints - measured, -self._reach, self._reach)
+            self._data.ctrl[: len(lead)] = measured + lead
+            if self.base is not None:
+                self.base.command(steps * step_s)
             mujoco.mj_step(self._model, self._data, steps)
             for follow in self._followers:
                 follow(steps * step_s)
@@ -205,11 +216,15 @@ class MujocoRobot:
             return Status("motors", "ok", "none is at its effort limit")
         return Status("motors", "warning", f"at the effort limit: {', '.join(names)}"[:1024])
 
-    def _base(self) -> Base:
-        """Return pose and twist in the world frame.
+    def _base(self) -> Base | None:
+        """Return pose and twist in the world frame, or in the odometry frame of a base that rolls; None if it is fixed.
 
         MuJoCo has the angular velocity of a free joint in the body frame.
         """
+        if self.base is not None:
+            return planar_base(self.base.odometry, self.base.velocity)
+        if not self._facts.floating:
+            return None
         data = self._data
         angular = np.zeros(3)
         mujoco.mju_rotVecQuat(angular, data.qvel[3:6], data.qpos[3:7])

@@ -1,6 +1,9 @@
 """Parts of simulated robots beside their joints, as data."""
 
+import math
 from dataclasses import dataclass
+
+from linked_fleet_agent.planar import Differential, DriveLimits
 
 
 @dataclass(frozen=True)
@@ -31,10 +34,33 @@ class ToolPart:
     link: str
 
 
+def corners_of(radius: float, count: int = 12) -> tuple[tuple[float, float], ...]:
+    """Return the corners of a polygon around a round footprint (m), counterclockwise."""
+    half = math.pi / count
+    at = [half * (2 * index + 1) for index in range(count)]
+    return tuple((radius / math.cos(half) * math.cos(each), radius / math.cos(half) * math.sin(each)) for each in at)
+
+
+@dataclass(frozen=True)
+class BasePart:
+    """A base that rolls over the floor: its limits, its corners (m), and its left and right wheel with their drive.
+
+    ``link`` is the root link of the robot, with its origin on the floor.
+    """
+
+    title: str
+    link: str
+    limits: DriveLimits
+    corners: tuple[tuple[float, float], ...]
+    drive: Differential | None = None
+    wheels: tuple[str, ...] = ()
+
+
 @dataclass(frozen=True)
 class Parts:
     """The parts of one robot."""
 
+    base: BasePart | None = None
     fingers: tuple[FingersPart, ...] = ()
     battery: BatteryPart | None = None
     tool: ToolPart | None = None

@@ -21,12 +21,15 @@ from linked_fleet_agent.components import (
     unit,
     value,
 )
+from linked_fleet_agent.components.kinds import PlanarPose
 from linked_fleet_agent.robots.parts import BatteryPart, Parts, ToolPart
+from linked_fleet_agent.robots.simulated_base import RollingBase, base_of
 from linked_fleet_agent.robots.simulated_fingers import Fingers, gripper_of
 
 MANUAL_SCALE, LEAST_SCALE = 0.25, 0.1
 _LOSSES = 2.0
 """Energy that the motors take for each joule of mechanical work."""
+_Drift = Annotated[float, Meta(ge=-0.5, le=0.5, title="Drift of the odometry")]
 _SECONDS_PER_HOUR, _SAMPLE_S = 3600.0, 0.05
 
 
@@ -187,6 +190,27 @@ class SimulationWithTool(Simulation):
         self.tool.input_on = on
 
 
+class SimulationWithBase(Simulation):
+    """A simulation with what a base does not know: where it really is."""
+
+    base: RollingBase
+
+    @value
+    def true_pose(self) -> Annotated[PlanarPose, Meta(title="True pose")]:
+        """Return where the base really is, in the frame where its odometry began."""
+        x, y, heading = self.base.pose
+        return PlanarPose(round(x, 4), round(y, 4), round(heading, 4))
+
+    @value
+    def odometry_drift(self) -> _Drift:
+        """Let the odometry count this share too much of each way and of each turn."""
+        return self.base.drift
+
+    @odometry_drift.setter
+    def set_odometry_drift(self, drift: _Drift) -> None:
+        self.base.drift = drift
+
+
 @dataclass(frozen=True)
 class Measured:
     """Measurements of a simulation for its components: time, mechanical power of all motors, states of its parts."""
@@ -197,21 +221,30 @@ class Measured:
 
 
 def components_of(
-    parts: Parts, fingers: Mapping[str, Fingers], mode: SimulatedMode, measured: Measured
+    parts: Parts, fingers: Mapping[str, Fingers], base: RollingBase | None, mode: SimulatedMode, measured: Measured
 ) -> tuple[list[Component], list[Callable[[float], None]]]:
     """Return the components of a robot, and what must be called after each advance of the simulation, with its time."""
     battery = None if parts.battery is None else SimulatedBattery(parts.battery, measured.mechanical_w)
     tool = None if parts.tool is None else Tool(parts.tool)
-    simulation = _simulation(measured.time_s, mode, {"fingers": fingers, "battery": battery, "tool": tool})
+    simulation = _simulation(
+        measured.time_s, mode, {"fingers": fingers, "base": base, "battery": battery, "tool": tool}
+    )
     components: list[Component] = [mode, SimulatedDiagnostics(measured.status)]
     components += [gripper_of(part, fingers[part.name]) for part in parts.fingers]
+    if parts.base is not None and base is not None:
+        components.append(base_of(parts.base, base, lambda: mode.used_scale))
     components += [each for each in (battery, tool, simulation) if each is not None]
-    return components, [*(each.step for each in fingers.values()), *([] if battery is None else [battery.step])]
+    return components, [each.step for each in (*fingers.values(), base, battery) if each is not None]
 
 
 def _simulation(time_s: Callable[[], float], mode: Mode, parts: Mapping[str, object]) -> Simulation:
     """Return the component of a simulation, with what it can do to the parts that the robot has."""
-    about = {"fingers": SimulationWithFingers, "battery": SimulationWithCharger, "tool": SimulationWithTool}
+    about = {
+        "fingers": SimulationWithFingers,
+        "base": SimulationWithBase,
+        "battery": SimulationWithCharger,
+        "tool": SimulationWithTool,
+    }
     bases = tuple(about[name] for name, part in parts.items() if part) or (Simulation,)
     simulation: Simulation = type("Simulation", bases, {"__doc__": Simulation.__doc__, **parts})(time_s, mode)
     return simulation

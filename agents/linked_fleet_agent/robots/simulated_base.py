@@ -1,0 +1,91 @@
+"""Bases of simulated robots that roll over the floor, with wheels that turn and odometry that drifts."""
+
+import math
+from collections.abc import Callable
+
+import mujoco
+
+from linked_fleet_agent.components.driving import VelocityBase
+from linked_fleet_agent.planar import STANDING, Pose, Velocity
+from linked_fleet_agent.robots.mujoco_model import PLANE
+from linked_fleet_agent.robots.parts import BasePart
+
+
+class RollingBase:
+    """The base of a simulated robot. Motors give it each velocity at once: its limits are those of its component.
+
+    ``drift`` is the share by which the odometry counts too much way and too much turn. ``first_servo`` is the first of
+    the servos of the plane, which those of the wheels follow.
+    """
+
+    def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, part: BasePart, first_servo: int) -> None:
+        self._data, self._part = data, part
+        joints = [model.joint(name) for name in PLANE]
+        self._qpos = [int(joint.qposadr[0]) for joint in joints]
+        self._dof = [int(joint.dofadr[0]) for joint in joints]
+        self._servos = slice(first_servo, first_servo + len(PLANE))
+        self._wheel_servos = slice(first_servo + len(PLANE), first_servo + len(PLANE) + len(part.wheels))
+        self._wanted = STANDING
+        self.drift, self.odometry = 0.0, Pose()
+        self._counted = self.pose
+
+    @property
+    def pose(self) -> Pose:
+        """Where the base really is, from where it was when the simulation began."""
+        x, y, heading = self._data.qpos[self._qpos].tolist()
+        return Pose(x, y, math.remainder(heading, math.tau))
+
+    @property
+    def velocity(self) -> Velocity:
+        """The measured velocity in the frame of the base."""
+        x, y, angular = self._data.qvel[self._dof].tolist()
+        heading = float(self._data.qpos[self._qpos[2]])
+        cosine, sine = math.cos(heading), math.sin(heading)
+        return Velocity(x * cosine + y * sine, y * cosine - x * sine, angular)
+
+    def drive(self, velocity: Velocity) -> None:
+        """Drive with this velocity until another one is given."""
+        self._wanted = velocity
+
+    def command(self, elapsed_s: float) -> None:
+        """Set the servos for the next piece, which turns the base while it lasts."""
+        linear, lateral, angular = self._wanted
+        heading = float(self._data.qpos[self._qpos[2]]) + angular * elapsed_s / 2.0
+        cosine, sine = math.cos(heading), math.sin(heading)
+        self._data.ctrl[self._servos] = (linear * cosine - lateral * sine, linear * sine + lateral * cosine, angular)
+        if self._part.drive is not None:
+            self._data.ctrl[self._wheel_servos] = self._part.drive.wheels(self._wanted)
+
+    def step(self, elapsed_s: float) -> None:
+        """Count the way since the last call (odometry)."""
+        now, before, odometry, scale = self.pose, self._counted, self.odometry, 1.0 + self.drift
+        way_x, way_y = now.x - before.x, now.y - before.y
+        cosine, sine = math.cos(odometry.heading - before.heading), math.sin(odometry.heading - before.heading)
+        turn = math.remainder(now.heading - before.heading, math.tau)
+        self.odometry = Pose(
+            odometry.x + scale * (way_x * cosine - way_y * sine),
+            odometry.y + scale * (way_x * sine + way_y * cosine),
+            math.remainder(odometry.heading + scale * turn, math.tau),
+        )
+        self._counted = now
+
+
+def base_of(part: BasePart, base: RollingBase, share: Callable[[], float]) -> VelocityBase:
+    """Return the component of a base. ``share`` returns the share of its speed that the robot uses."""
+
+    class SimulatedBase(VelocityBase, limits=part.limits, blocking=False):
+        """A base that rolls over the floor of the simulation."""
+
+        title, link, corners = part.title, part.link, part.corners
+
+        @property
+        def speed_share(self) -> float:
+            return share()
+
+        def send(self, velocity: Velocity) -> None:
+            base.drive(velocity)
+
+        def measure(self, elapsed_s: float) -> tuple[Pose, Velocity]:
+            return base.odometry, base.velocity
+
+    return SimulatedBase()
