@@ -15,7 +15,7 @@ import pytest
 import rdflib
 from rdflib import RDF
 
-from browser import HYBRIT, LDP, LF, MATHS, ROS, SH, Browser, Page
+from browser import HYBRIT, LF, MATHS, ROS, SH, Browser, Page
 from commanding import PAN, PREFIXES, TURTLE, of_joint, post, problem
 from linked_fleet_agent.wire.messages import Mesh
 from linked_fleet_gateway.extensions.models.meshes import Meshes
@@ -23,6 +23,7 @@ from linked_fleet_gateway.extensions.world.scene import MAX_TRIANGLES
 from linked_fleet_gateway.fleet.robot import Robot
 from meshes import BOX, stl
 from running import Process, eventually, free_port, process
+from scene_client import container, contents, crate, met, placement, put_object, put_robot, stands, world
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
@@ -60,45 +61,6 @@ def browser(here: tuple[Process, Browser]) -> Iterator[Browser]:
     yield browser
 
 
-def world(browser: Browser) -> Page:
-    return browser.page(str(browser.page(browser.root).one(LF.world)))
-
-
-def placement(browser: Browser, robot: str) -> str:
-    return str(browser.robot(robot).one(LF.placement))
-
-
-def container(browser: Browser) -> Page:
-    return browser.page(str(world(browser).one(LF.objects)))
-
-
-def contents(browser: Browser) -> list[str]:
-    page = container(browser)
-    return [str(each) for each in page.graph.objects(page.iri, LDP.contains)]
-
-
-def stands(x: float, y: float, z: float, turned_rad: float = 0.0) -> str:
-    turn = f"maths:x 0 ; maths:y 0 ; maths:z {math.sin(turned_rad / 2)} ; lf:w {math.cos(turned_rad / 2)}"
-    return f"lf:position [ maths:x {x} ; maths:y {y} ; maths:z {z} ; vom:unit unit:M ] ; lf:orientation [ {turn} ]"
-
-
-def put_robot(browser: Browser, robot: str, *where: float) -> None:
-    answer = browser.http.put(placement(browser, robot), content=f"{PREFIXES}<> {stands(*where)} .", headers=TURTLE)
-    assert answer.status_code == 204, answer.text
-
-
-def crate(title: str, *where: float, kind: str = "lf:Obstacle", size_mm: float = 300) -> str:
-    box = f"maths:x {size_mm} ; maths:y {size_mm} ; maths:z {2 * size_mm} ; vom:unit unit:MilliM"
-    geometry = f"lf:geometry [ a lf:Box ; lf:size [ {box} ] ]"
-    return f'{PREFIXES}<> a {kind} ; dcterms:title "{title}" ; {stands(*where)} ; {geometry} .'
-
-
-def put_object(browser: Browser, body: str) -> str:
-    answer = browser.http.post(container(browser).url, content=body, headers=TURTLE)
-    assert answer.status_code == 201, answer.text
-    return answer.headers["location"]
-
-
 def turn(browser: Browser, degrees: float, robot: str = "ur5", joint: str = PAN, **headers: str) -> httpx.Response:
     """Rotate once the shapes are prepared; nothing begins before."""
     body = f"{PREFIXES}[] vom:numericalValue {degrees} ; vom:unit unit:DEG ."
@@ -109,15 +71,6 @@ def turn(browser: Browser, degrees: float, robot: str = "ur5", joint: str = PAN,
         return None if answer.status_code == 503 else answer
 
     return eventually(answered, "an answer that is not 503")
-
-
-def met(answer: httpx.Response) -> list[str]:
-    assert problem(answer) == (409, "collision"), answer.text
-    assert 0 <= answer.json()["share"] < 1
-    things: list[str] = answer.json()["things"]
-    assert len(answer.json()["names"]) == len(things)
-    assert len(answer.json()["point"]) == 3
-    return things
 
 
 def said_free(answer: httpx.Response) -> object:

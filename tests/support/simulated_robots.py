@@ -54,7 +54,8 @@ class SimulatedRobot:
         robot = load(name, str(TURNTABLE) if name == TURNTABLE.stem else name)
         assert isinstance(robot, MujocoRobot)
         facts = robot.describe()
-        self.name, self.joints = name, {joint.name: joint for joint in facts.joints}
+        self.name, self.base = name, robot.base
+        self.joints = {joint.name: joint for joint in facts.joints}
         self.linear = {joint.name for joint in facts.joints if joint.linear}
         self.poses = poses_of(MODELS[name], facts.joints) if name in MODELS else {}
         # The simulator's state, which otherwise only the driver has.

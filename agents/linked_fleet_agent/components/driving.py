@@ -10,7 +10,16 @@ from msgspec import Meta
 
 from linked_fleet_agent.components.call import Call
 from linked_fleet_agent.components.component import action, value
-from linked_fleet_agent.components.kinds import Angular, Base, Corner, Lateral, Linear, PlanarPose, PlanarTwist
+from linked_fleet_agent.components.kinds import (
+    Angular,
+    Base,
+    Corner,
+    Lateral,
+    Linear,
+    PlanarLimits,
+    PlanarPose,
+    PlanarTwist,
+)
 from linked_fleet_agent.components.schemas import unit
 from linked_fleet_agent.components.ticks import Ticks
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Ramp, Velocity
@@ -76,6 +85,14 @@ class VelocityBase(Base, blocking=False):
     def footprint(self) -> list[Corner]:
         """Return the corners of the base on the floor, counterclockwise."""
         return [Corner(x, y) for x, y in self.corners]
+
+    @value
+    def drive_limits(self) -> PlanarLimits:
+        """Return the most that it drives, and by how much it accelerates and brakes."""
+        most = self.limits
+        return PlanarLimits(
+            most.linear, most.lateral, most.angular, most.linear_acceleration, most.angular_acceleration
+        )
 
     @property
     def reading(self) -> messages.Base:

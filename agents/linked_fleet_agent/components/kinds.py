@@ -67,6 +67,16 @@ class PlanarTwist(Struct):
     angular: Angular
 
 
+class PlanarLimits(Struct, rename="camel"):
+    """The most that a base drives, and by how much it accelerates and brakes."""
+
+    linear: Linear
+    lateral: Lateral
+    angular: Angular
+    linear_acceleration: Annotated[float, unit("M-PER-SEC2"), Meta(title="Linear acceleration")]
+    angular_acceleration: Annotated[float, unit("RAD-PER-SEC2"), Meta(title="Angular acceleration")]
+
+
 class Corner(Struct):
     """A corner of a footprint, in the frame of the base."""
 
@@ -150,7 +160,8 @@ class Diagnostics(Component, kind=LF + "Diagnostics", rename="camel", rate_hz=1)
 class Base(Component, kind=LF + "Base", rename="camel", rate_hz=10):
     """A base that drives in the plane.
 
-    Write the values ``pose`` (in its odometry frame), ``twist`` and ``footprint`` (corners, counterclockwise), and the
+    Write the values ``pose`` (in its odometry frame), ``twist`` and ``footprint`` (corners, counterclockwise), if
+    possible ``drive_limits``, without which gateways do not know how it brakes and check no way for collisions, and the
     action ``drive(linear, angular, duration)``, which moves ``BASE``, whose parameters have defaults, and which lasts a
     second at most. ``linked_fleet_agent.components.driving`` has all of it for a base that takes velocities.
     """

@@ -144,6 +144,17 @@ _BASE = Kind(
                 semantic_type=LF + "planarTwist",
             ),
             footprint=Schema(type="array", semantic_type=LF + "footprint", items=_object("x", "y", x=_X, y=_Y)),
+            driveLimits=replace(
+                _object(
+                    *("linear", "lateral", "angular", "linearAcceleration", "angularAcceleration"),
+                    linear=_LINEAR,
+                    lateral=_LATERAL,
+                    angular=_ANGULAR,
+                    linearAcceleration=_number("linearAcceleration", "M-PER-SEC2"),
+                    angularAcceleration=_number("angularAcceleration", "RAD-PER-SEC2"),
+                ),
+                semantic_type=LF + "driveLimits",
+            ),
         ),
         actions={
             "drive": Action(
@@ -152,7 +163,8 @@ _BASE = Kind(
                 moves=(BASE,),
             )
         },
-    )
+    ),
+    optional=frozenset({"driveLimits"}),
 )
 KINDS: Mapping[str, Kind] = {
     each.least.semantic_type: each for each in (_GRIPPER, _BATTERY, _SWITCH, _MODE, _DIAGNOSTICS, _BASE)

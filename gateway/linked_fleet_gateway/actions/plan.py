@@ -3,12 +3,14 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from msgspec import Raw, Struct
+from msgspec import Raw, Struct, json
+from msgspec.structs import replace
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.components import COMPONENTS_VERSION, Operate
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command, Expectation, Follow, Move
 from linked_fleet_gateway.base.errors import Offline
+from linked_fleet_gateway.fleet.driving import Drive
 from linked_fleet_gateway.fleet.model import Joint, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
@@ -30,7 +32,8 @@ class RobotTime(Struct, frozen=True):
 class Act(Struct, frozen=True):
     """A request to a component of a robot: an action, or a property to set.
 
-    ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion.
+    ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion. ``drive`` is what
+    a base does by it, if that is known.
     """
 
     component: str
@@ -38,6 +41,13 @@ class Act(Struct, frozen=True):
     action: str = ""
     property: str = ""
     moves: tuple[str, ...] = ()
+    drive: Drive | None = None
+
+    def slowed(self, share: float) -> "Act":
+        """Return the request with a share of the speed of its drive."""
+        assert self.drive is not None
+        drive = self.drive.slowed(share)
+        return replace(self, input=json.encode(json.decode(self.input) | drive.input), drive=drive)
 
 
 class Motion(Struct, frozen=True):
@@ -62,6 +72,12 @@ class Motion(Struct, frozen=True):
     def moves(self) -> bool:
         """True if it moves the robot."""
         return not isinstance(self.motion, Act) or bool(self.motion.moves)
+
+
+def slowed(motion: Motion, share: float) -> Motion:
+    """Return a drive at a share of its speed, which is among its facts."""
+    assert isinstance(motion.motion, Act)
+    return replace(motion, motion=motion.motion.slowed(share), facts={**motion.facts, "speedShare": share})
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,16 @@ from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler, Plan
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
 from linked_fleet_gateway.actions.opening import Opening
 from linked_fleet_gateway.actions.operations import Operations
-from linked_fleet_gateway.actions.plan import Act, ActionRequest, Caller, DeferredPlan, Halt, Motion, build_command
+from linked_fleet_gateway.actions.plan import (
+    Act,
+    ActionRequest,
+    Caller,
+    DeferredPlan,
+    Halt,
+    Motion,
+    build_command,
+    slowed,
+)
 from linked_fleet_gateway.actions.refusals import (
     TICK_S,
     MotionQuota,
@@ -49,7 +58,10 @@ MAX_WAITING_PLANS = 16  # of at most 100 ms each
 
 
 class MotionGuard(Protocol):
-    """Checks motions for collisions and similar; ``visible_robots`` limits what its errors may reveal."""
+    """Checks motions for collisions and similar; ``visible_robots`` limits what its errors may reveal.
+
+    An action of a component is a motion too if it moves something; its path is known only if it has a ``drive``.
+    """
 
     finding_predicate: NamedNode
     """Predicate of rehearsals: true if the path was found free, ``lf:unknown`` if it could not be checked."""
@@ -60,7 +72,8 @@ class MotionGuard(Protocol):
     async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> Finding:
         """Check the path of a motion. A finding is not free if the robot has no placement. Raises MotionRefused.
 
-        Other running motions are considered, except the invocation with the id ``own_id``.
+        One about a drive may reduce its speed. Other running motions are considered, except the invocation with the id
+        ``own_id``.
         """
 
 
@@ -69,13 +82,16 @@ class Rehearsal:
     """The result of a rehearsal: duration, and ids of the invocations that it would end.
 
     ``findings``: whether each guard found the path free, by its predicate. ``unchecked``: the links that the guards
-    did not cover, each after its path.
+    did not cover, each after its path. ``facts`` are further values, by name (SI). ``limited`` says why the guards
+    reduce its speed.
     """
 
     duration_s: float
     preempts: tuple[str, ...]
     findings: Mapping[NamedNode, bool] = field(default_factory=dict)
     unchecked: tuple[tuple[str, UncheckedLink], ...] = ()
+    facts: Mapping[str, float] = field(default_factory=dict)
+    limited: str = ""
 
 
 class Actions:
@@ -154,7 +170,8 @@ class Actions:
         if not is_new:
             return await self._opening.first(robot, invocation)
         lease = robot.lease
-        waited_ns += await self._check(invocation, motion, caller)
+        motion, checking_ns = await self._check(invocation, motion, caller)
+        waited_ns += checking_ns
         if robot.lease != lease:
             await self._check_lease(invocation, caller)
         if motion.moves:
@@ -177,10 +194,10 @@ class Actions:
             await guard.wait_until_ready(motion.robot, caller.visible_robots)
         return self._stalls.elapsed_ns(began_ns)
 
-    async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> int:
+    async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> tuple[Motion, int]:
         """Check a motion that others can see already: of two concurrent ones, at least one sees the other.
 
-        Return the time in ns, as ``_ready`` does.
+        Return the motion as the guards let it be, and the time in ns, as ``_ready`` does.
         """
         began_ns = time.monotonic_ns()
         try:
@@ -192,7 +209,11 @@ class Actions:
             self.lifecycle.fail(invocation, "it could not be checked")
             raise
         invocation.unchecked = _unchecked(found)
-        return self._stalls.elapsed_ns(began_ns)
+        slowest = _slowest(found)
+        if slowest is not None:
+            motion = slowed(motion, slowest.speed_share)
+            invocation.facts, invocation.limited = dict(motion.facts), slowest.limited
+        return motion, self._stalls.elapsed_ns(began_ns)
 
     def _check_stops(self, invocation: Invocation) -> None:
         """Check, right before a motion is sent, that it overtakes no stop that was asked for meanwhile."""
@@ -219,15 +240,11 @@ class Actions:
             raise
 
     async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, Finding]:
-        """Return the finding of each guard. Raises MotionRefused.
-
-        Guards know no path of an action of a component, so that they find nothing about one that moves something.
-        """
-        if isinstance(motion.motion, Act):
-            return {guard.finding_predicate: Finding(False) for guard in self._guards if motion.moves}
+        """Return the finding of each guard about what moves. Raises MotionRefused."""
         return {
             guard.finding_predicate: await guard.check_path(motion, caller.visible_robots, own)
             for guard in self._guards
+            if motion.moves
         }
 
     def plan(self, request: ActionRequest, offer: Offer) -> Plan:
@@ -264,6 +281,9 @@ class Actions:
         began_ns = time.monotonic_ns()
         findings = await self._findings(motion, caller, "")
         waited_ns += self._stalls.elapsed_ns(began_ns)
+        slowest = _slowest(findings)
+        if slowest is not None:
+            motion = slowed(motion, slowest.speed_share)
         try:
             command = build_command(str(uuid.uuid4()), motion, waited_ns, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, ANSWER_TIMEOUT_S)
@@ -272,7 +292,8 @@ class Actions:
         if isinstance(reply, Refused):
             raise agent_refusal(robot, reply)
         free = {predicate: finding.free for predicate, finding in findings.items()}
-        return Rehearsal(reply.duration_s, reply.preempts, free, _unchecked(findings))
+        limited = "" if slowest is None else slowest.limited
+        return Rehearsal(reply.duration_s, reply.preempts, free, _unchecked(findings), dict(motion.facts), limited)
 
     async def _send(self, invocation: Invocation, command: Command | Operate) -> Reply:
         try:
@@ -356,6 +377,12 @@ class Actions:
             raise AgentTimeout(f"The agent of {halt.robots[0]} gave no answer.")
         ends = tuple(id for reply in accepted for id in reply.preempts)
         return Rehearsal(max((reply.duration_s for reply in accepted), default=0.0), ends)
+
+
+def _slowest(findings: Mapping[NamedNode, Finding]) -> Finding | None:
+    """Return the finding that reduces the speed most; None if none does."""
+    slowest = min(findings.values(), key=lambda each: each.speed_share, default=None)
+    return None if slowest is None or slowest.speed_share >= 1.0 else slowest
 
 
 def _unchecked(findings: Mapping[NamedNode, Finding]) -> tuple[tuple[str, UncheckedLink], ...]:

@@ -69,7 +69,8 @@ class Invocation:
     the motion did not cover, each after its path. ``operation`` is True for an action that is no motion: a gateway
     carries it out, with ``output`` (N-Triples about ``_:output``) as its result, until it ends or somebody asks to
     cancel it, for the reason ``cancelling``. ``moves`` is what an action of a component moves, joints or ``base``;
-    ``feedback`` is the last one that it gave and ``outcome`` its result, both in JSON.
+    ``feedback`` is the last one that it gave and ``outcome`` its result, both in JSON. ``limited`` says why it is
+    slower than asked for.
 
     ``robots`` has the answer of each robot to an invocation of the fleet: a word, which is a state or ``refused``,
     optionally followed by details, as in ``failed: the joint is blocked``. Any other word means that the robot has not
@@ -107,6 +108,7 @@ class Invocation:
     moves: tuple[str, ...] = ()
     feedback: str = ""
     outcome: str = ""
+    limited: str = ""
 
     @property
     def is_motion(self) -> bool:

@@ -21,11 +21,14 @@ class UncheckedLink(Struct, frozen=True):
 class Finding(Struct, frozen=True):
     """The result of the check of a path: ``free`` is False if it is unknown.
 
-    ``unchecked`` are the links that the check did not cover, each after its path.
+    ``unchecked`` are the links that the check did not cover, each after its path. The path is free for a drive at a
+    ``speed_share`` of its speed, for the reason ``limited``.
     """
 
     free: bool
     unchecked: tuple[tuple[str, UncheckedLink], ...] = ()
+    speed_share: float = 1.0
+    limited: str = ""
 
 
 def in_words(links: Iterable[UncheckedLink]) -> str:

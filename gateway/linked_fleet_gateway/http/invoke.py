@@ -299,7 +299,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, 
     live: Live = request.services.live
     seen = InvocationsInView(live.invocations, request.caller.visible_robots)
     known = [each for each in map(seen.get, rehearsed.preempts) if each is not None]
-    targets, facts = (plan.targets, plan.facts) if isinstance(plan, Motion) else ({}, {})
+    targets = plan.targets if isinstance(plan, Motion) else {}
 
     def describe(graph: Graph) -> None:
         describe_rehearsal(
@@ -308,11 +308,12 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, 
             offer.path,
             offer.robot,
             targets,
-            facts,
+            rehearsed.facts,
             rehearsed.duration_s,
             known,
             rehearsed.findings,
             rehearsed.unchecked,
+            rehearsed.limited,
         )
 
     def plain() -> bytes:

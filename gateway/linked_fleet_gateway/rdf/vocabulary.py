@@ -115,7 +115,7 @@ LF = Namespace(
     " jointExpectation ownLease ownLink ownPose dryRun"
     # predicates: what actions take and invocations tell
     " speed speedScale precondition tolerance tiedTo waypoint atTime poseName namedPose input duration progress"
-    " preempts preemptedBy positionResidual orientationResidual answer ofRobot currentTask"
+    " preempts preemptedBy limitedBecause positionResidual orientationResidual answer ofRobot currentTask"
     " lastMoved moving modelName batteryCharge InvocationList"
     # predicates: control and settings
     " lease holder expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"

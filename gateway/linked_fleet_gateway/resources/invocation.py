@@ -29,6 +29,7 @@ STATES = {
 _FACTS: dict[str, tuple[NamedNode, Unit]] = {
     "positionResidual": (LF.positionResidual, METRE),
     "orientationResidual": (LF.orientationResidual, RADIAN),
+    "speedShare": (LF.speedScale, UNITLESS),
 }
 MOST_SUMMARISED = 100
 """Members of a container that are summarised; others are listed with their state only."""
@@ -70,6 +71,7 @@ def describe_invocation(
     _times(graph, iri, invocation)
     if invocation.reason:
         graph.add(iri, LF.reason, Literal(invocation.reason))
+    _add_limit(graph, iri, invocation.limited)
     for name, value in invocation.facts.items():
         predicate, unit = _FACTS[name]
         graph.scalar(iri, predicate, value, unit)
@@ -104,11 +106,12 @@ def describe_rehearsal(
     preempts: Iterable[Invocation],
     findings: Mapping[NamedNode, bool],
     unchecked: Unchecked = (),
+    limited: str = "",
 ) -> None:
     """Describe the effect that the action would have, for the preference ``dry-run``.
 
     ``findings``: whether the guards of motions found the path free, by their predicates; False if it is unknown.
-    ``unchecked``: the links that they did not cover.
+    ``unchecked``: the links that they did not cover. ``limited``: why they reduce its speed.
     """
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
@@ -119,10 +122,16 @@ def describe_rehearsal(
         graph.scalar(iri, predicate, value, unit)
     for predicate, free in findings.items():
         graph.add(iri, predicate, Literal(True) if free else LF.unknown)
+    _add_limit(graph, iri, limited)
     describe_unchecked(graph, iri, base, unchecked)
     graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempts))
     if robot is not None:
         describe_positions(graph, iri, LF.target, base, robot, targets)
+
+
+def _add_limit(graph: Graph, iri: Node, limited: str) -> None:
+    if limited:
+        graph.add(iri, LF.limitedBecause, Literal(limited))
 
 
 def unchecked_links(robot: Robot) -> tuple[tuple[str, UncheckedLink], ...]:

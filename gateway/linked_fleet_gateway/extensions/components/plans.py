@@ -1,10 +1,19 @@
 """The motion that a request to a component makes."""
 
+from collections.abc import Mapping
+from typing import Any
+
 import msgspec
 
+from linked_fleet_agent.planar import DriveLimits, Velocity
 from linked_fleet_gateway.api import ActionRequest, Motion
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer, InputBody
+from linked_fleet_gateway.extensions.components.part import ComponentPart
+from linked_fleet_gateway.extensions.components.terms import LF
+from linked_fleet_gateway.fleet.driving import Drive
 from linked_fleet_gateway.serving import Act
+
+_BASE = LF.extended("Base").Base.value
 
 
 def plan(offer: ComponentOffer, request: ActionRequest) -> Motion:
@@ -16,5 +25,24 @@ def plan(offer: ComponentOffer, request: ActionRequest) -> Motion:
         offer.of_action,
         offer.of_property,
         () if declared is None else declared.moves,
+        drive_of(offer.part, value) if offer.of_action == "drive" else None,
     )
     return Motion(request.required_robot(), act, {}, request.required_time())
+
+
+def drive_of(part: ComponentPart, given: Mapping[str, Any]) -> Drive | None:
+    """Return what a base does with the input of its action drive; None if it does not say how it brakes."""
+    most = part.state.value("driveLimits") if part.declared.semantic_type == _BASE else None
+    declared = part.declared.actions["drive"].input
+    if most is None or declared is None:
+        return None
+    defaults = {name: each.default for name, each in declared.properties.items()}
+    said = {name: given[name] if name in given else defaults.get(name) for name in (*Velocity._fields, "duration")}
+    velocity = Velocity(*(float(said[name] or 0.0) for name in Velocity._fields))
+    try:
+        limits = DriveLimits(
+            most["linear"], most["angular"], most["linearAcceleration"], most["angularAcceleration"], most["lateral"]
+        )
+    except ValueError:
+        return None
+    return Drive(velocity, float(said["duration"] or 0.0), limits)

@@ -17,12 +17,17 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from msgspec.structs import replace
+
+from linked_fleet_agent.planar import STANDING
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.models.meshes import Meshes
-from linked_fleet_gateway.extensions.world.collisions import Collisions, Unchecked
+from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
+from linked_fleet_gateway.extensions.world.driving import Driving, drives, velocity_of
 from linked_fleet_gateway.extensions.world.messages import (
+    Answer,
     Check,
     CheckFailed,
     CollisionFound,
@@ -40,10 +45,12 @@ from linked_fleet_gateway.extensions.world.placement import (
     placement_of,
     pose_in_world,
 )
+from linked_fleet_gateway.extensions.world.plane import AT_REST, legs_of
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.faces import View, unchecked_links
+from linked_fleet_gateway.fleet.driving import Drive
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
@@ -56,7 +63,13 @@ MOST_CONFIGURATIONS = 24
 
 def paths_of(motion: Move | Follow, start: Positions, elsewhere: Mapping[str, float]) -> tuple[MotionPath, ...]:
     """Return the paths from ``start``; ``elsewhere`` are the targets of joints in other motions."""
-    legs = _legs(motion, start)
+    return paths_along(_legs(motion, start), start, elsewhere)
+
+
+def paths_along(
+    legs: tuple[PathSegment, ...], start: Positions, elsewhere: Mapping[str, float]
+) -> tuple[MotionPath, ...]:
+    """Return the paths along ``legs``, whose last one names all joints that move."""
     own = legs[-1].ends
     meanwhile = {name: end for name, end in elsewhere.items() if name not in own and name in start}
     ways = (MotionPath(start, legs),)
@@ -107,6 +120,10 @@ def _slope(step: float, slope: float, next_step: float, next_slope: float) -> fl
     return (weight + next_weight) / (weight / slope + next_weight / next_slope)
 
 
+_MOST_SPEEDS = 5
+"""Speeds at which a drive is checked."""
+_FLOOR = 0.95
+"""Share of the speed that seems to fit at which a drive is checked anew, because its way changes a little."""
 WITHIN_S = 1.0
 """Processor time for the check of one motion, in seconds."""
 EARLY_S = 30.0
@@ -143,6 +160,7 @@ class Checks:
         self._collisions = collisions or Collisions(live.fan_out.mark_changed)
         self._refusals = Refusals(live.fleet.robots, objects)
         self._waiting = self._early = 0
+        self._driving = Driving()
 
     async def __aenter__(self) -> Self:
         self._preparation.open()
@@ -173,12 +191,12 @@ class Checks:
             self._early -= 1
 
     async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> Finding:
-        """Check a motion.
+        """Check a motion. A drive that would meet something is checked at less speed, until its way is free.
 
         The finding is not free if the robot has no placement. Raises Collides, UncheckedLinks; Unchecked, also if too
         many wait.
         """
-        if not has_placement(motion.robot):
+        if not has_placement(motion.robot) or (isinstance(act := motion.motion, Act) and act.drive is None):
             return Finding(False)
         if self._waiting >= MOST_WAITING:
             raise Unchecked(f"{MOST_WAITING} motions are being checked; try again.")
@@ -207,21 +225,49 @@ class Checks:
     async def _check(self, motion: Motion, sees: View, own: str) -> Finding:
         # Nothing is awaited between the next two steps, so that no robot that has come meanwhile is left out.
         robots = self._prepared_around(motion.robot, sees)
-        question, model = self._question(motion, robots, sees, own), motion.robot.model
-        answer = await self._checker.ask(question, _ANSWER_S)
+        if isinstance(motion.motion, Act):
+            assert motion.motion.drive is not None
+            return await self._check_drive(motion.robot, motion.motion.drive, robots, sees, own)
+        question = self._question(motion, robots, sees, own)
+        return self._finding(motion.robot, await self._checker.ask(question, _ANSWER_S))
+
+    async def _check_drive(self, robot: Robot, drive: Drive, robots: list[Robot], sees: View, own: str) -> Finding:
+        if drive.velocity == STANDING:
+            return Finding(True)  # to brake is always free
+        limited, share = "", 1.0
+        for attempt in range(_MOST_SPEEDS):
+            slower = drive.slowed(share)
+            question = self._along(robot, legs_of(slower.way(velocity_of(robot))), robots, sees, own)
+            answer = await self._checker.ask(question, _ANSWER_S)
+            if not isinstance(answer, CollisionFound):
+                break
+            share *= min(_FLOOR * slower.fitting_share(answer.share), 0.5 if attempt else 1.0)
+            if drive.slowed(share).is_too_slow:
+                break
+            limited = self._collision(robot, answer).reason
+        found = self._finding(robot, answer)
+        if own:
+            self._driving.begin(robot, slower)
+        return replace(found, speed_share=share, limited=limited)
+
+    def _collision(self, robot: Robot, answer: CollisionFound) -> Collides:
+        assert robot.model is not None  # of a prepared robot
+        return self._refusals.collision(robot, robot.model, answer)
+
+    def _finding(self, robot: Robot, answer: Answer) -> Finding:
+        """Return what was found. Raises Collides, UncheckedLinks, Unchecked."""
         if isinstance(answer, CollisionFound):
-            assert model is not None  # of a prepared robot
-            collides = self._refusals.collision(motion.robot, model, answer)
-            self._collisions.add(motion.robot.name, collides)
+            collides = self._collision(robot, answer)
+            self._collisions.add(robot.name, collides)
             raise collides
         if isinstance(answer, CheckFailed):
-            raise Unchecked(f"It is unknown if {motion.robot.name} would collide: {answer.reason}.")
+            raise Unchecked(f"It is unknown if {robot.name} would collide: {answer.reason}.")
         if isinstance(answer, UncheckedNear):
-            raise self._refusals.unchecked_links(motion.robot, answer)
+            raise self._refusals.unchecked_links(robot, answer)
         assert isinstance(answer, Free)
-        self._collisions.forget(motion.robot.name)
+        self._collisions.forget(robot.name)
         near = [self._live.fleet.robots.get(name) for name in answer.unchecked]
-        known = [motion.robot, *(each for each in near if each is not None)]
+        known = [robot, *(each for each in near if each is not None)]
         return Finding(answer.covered, tuple(link for each in known for link in unchecked_links(each)))
 
     def _around(self, robot: Robot, sees: View) -> list[Robot]:
@@ -279,9 +325,17 @@ class Checks:
             raise Unchecked(
                 f"It is unknown if {robot.name} would collide, because the place of {missing[0]} is unknown."
             )
+        paths = paths_of(motion.motion, start, self._underway(robot, own))
+        return self._checking(robot, paths, robots, sees)
+
+    def _along(self, robot: Robot, legs: tuple[PathSegment, ...], robots: list[Robot], sees: View, own: str) -> Check:
+        paths = paths_along(legs, _positions(robot), self._underway(robot, own))
+        return self._checking(robot, paths, robots, sees)
+
+    def _checking(self, robot: Robot, paths: tuple[MotionPath, ...], robots: list[Robot], sees: View) -> Check:
         return Check(
             _asked(robot, self._preparation.key(robot), _base(robot, sees)),
-            paths_of(motion.motion, start, self._underway(robot, own)),
+            paths,
             tuple(self._stood(each, sees) for each in robots if each is not robot),
             tuple(Placement(id, key_of(thing), thing.pose) for id, thing in self._objects.items()),
             WITHIN_S,
@@ -299,7 +353,7 @@ class Checks:
         for invocation in reversed(self._live.invocations.open_of_robot(robot.name)):
             if invocation.id != own:
                 ends |= invocation.targets
-        return ends
+        return ends | self._driving.ends(robot)
 
 
 def _name(robot: Robot, sees: View) -> str:
@@ -307,7 +361,9 @@ def _name(robot: Robot, sees: View) -> str:
 
 
 def _positions(robot: Robot) -> Positions:
-    return {name: position for name, position in robot.positions.items() if position == position}
+    """Return the known positions, and those of the joints that carry a base that may drive."""
+    known = {name: position for name, position in robot.positions.items() if position == position}
+    return known | AT_REST if drives(robot) else known
 
 
 def _asked(robot: Robot, key: str, base: Pose) -> Placement:

@@ -17,7 +17,8 @@ class Prepare(Struct, frozen=True, tag="prepare"):
     """Build the shapes of a robot, stored under ``key``. ``meshes`` maps URIs in the URDF to file names.
 
     A file name is the digest of a mesh with the suffix of its format. ``unusable`` are the reasons, by file name, why
-    meshes cannot be used. With ``unusable_robot`` no shape is built, for this reason. The answer may be MeshesMissing.
+    meshes cannot be used. With ``unusable_robot`` no shape is built, for this reason. The base of a robot that
+    ``drives`` is carried by joints (``plane.py``). The answer may be MeshesMissing.
     """
 
     key: str
@@ -25,6 +26,7 @@ class Prepare(Struct, frozen=True, tag="prepare"):
     meshes: dict[str, str]
     unusable: dict[str, str] = {}
     unusable_robot: str = ""
+    drives: bool = False
 
 
 class PrepareMesh(Struct, frozen=True, tag="mesh"):

@@ -20,6 +20,7 @@ from linked_fleet_gateway.api import cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.models.geometry import file_name, meshes_of
 from linked_fleet_gateway.extensions.models.meshes import Meshes
+from linked_fleet_gateway.extensions.world.driving import drives
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     CheckFailed,
@@ -131,6 +132,7 @@ class Checker:
 
 _PREPARE_S, _OBJECT_S = 60.0, 3.0
 _LOOK_S = 0.5
+NO_MESHES = "its agent does not deliver the meshes"
 _ENDED = "the process that checks motions ended several times"
 _MOST_TRIES = 3  # attempts for a robot during whose preparation the process ended, possibly for another reason
 
@@ -163,7 +165,7 @@ class Preparation:
         assert description is not None
         held = self._keys.get(robot.name)
         if held is None or held[0] is not description:
-            digest = blake2b(description.urdf.encode(), digest_size=16)
+            digest = blake2b(f"{description.base} {description.urdf}".encode(), digest_size=16)
             for mesh in description.meshes:
                 digest.update(f"{mesh.uri} {mesh.sha256}\n".encode())
             held = self._keys[robot.name] = description, digest.hexdigest()
@@ -248,7 +250,7 @@ class Preparation:
         if self._checker.is_prepared(_stand_in(key)):
             return
         assert robot.description is not None
-        question = Prepare(_stand_in(key), robot.description.urdf, {}, {}, "its agent does not deliver the meshes")
+        question = Prepare(_stand_in(key), robot.description.urdf, {}, {}, NO_MESHES, drives(robot))
         answer = await self._checker.ask(question, _PREPARE_S)
         if isinstance(answer, Ready):
             self._unchecked[key] = answer.unchecked
@@ -275,7 +277,7 @@ class Preparation:
         sent: set[str] = set()
         while True:
             why = f"{_ENDED} while it prepared the robot" if self._ended[key, ""] >= _MOST_TRIES else ""
-            question = Prepare(key, robot.description.urdf, names, unusable, why)
+            question = Prepare(key, robot.description.urdf, names, unusable, why, drives(robot))
             answer = await self._checker.ask(question, _PREPARE_S)
             if not isinstance(answer, MeshesMissing):
                 self._ended[key, ""] += answer == NO_ANSWER

@@ -18,6 +18,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Question,
     Ready,
 )
+from linked_fleet_gateway.extensions.world.plane import on_plane
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.shapes import (
     build_object_shape,
@@ -68,8 +69,9 @@ class Worker:
         return Ready()
 
     def _prepare(self, asked: Prepare) -> Answer:
+        urdf = on_plane(asked.urdf) if asked.drives else asked.urdf
         if asked.unusable_robot:
-            return self._ready(asked.key, build_unchecked_robot(asked.urdf, asked.unusable_robot))
+            return self._ready(asked.key, build_unchecked_robot(urdf, asked.unusable_robot))
         usable = {uri for uri, name in asked.meshes.items() if name not in asked.unusable}
         names = {uri: asked.meshes[uri] for uri in needed_meshes(asked.urdf, usable)}
         found = {name: self._mesh(name) for name in set(names.values())}
@@ -82,7 +84,7 @@ class Worker:
                 raise ModelError(asked.unusable.get(asked.meshes[uri], "it was not loaded"))
             return surfaces[uri]
 
-        return self._ready(asked.key, build_robot(asked.urdf, asked.meshes.keys(), surface_of))
+        return self._ready(asked.key, build_robot(urdf, asked.meshes.keys(), surface_of))
 
     def _ready(self, key: str, robot: Robot) -> Ready:
         self._robots[key] = robot

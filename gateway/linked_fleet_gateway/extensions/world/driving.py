@@ -1,0 +1,62 @@
+"""Robots that drive: how fast, and where their bases will be."""
+
+import math
+import time
+from collections.abc import Callable
+
+from linked_fleet_agent.planar import STANDING, Pose, Velocity
+from linked_fleet_gateway.extensions.world.messages import Positions
+from linked_fleet_gateway.extensions.world.plane import positions_of
+from linked_fleet_gateway.fleet.driving import Drive
+from linked_fleet_gateway.fleet.robot import Robot
+
+COAST_S = 1.0
+"""A base that moves, and of which this gateway knows no drive, may go on like this for so long."""
+_STILL_M_S, _STILL_RAD_S = 0.01, 0.02
+_MARGIN_S = 0.5
+
+
+def drives(robot: Robot) -> bool:
+    """Return True if the base of the robot is not fixed."""
+    return robot.description is not None and robot.description.base == "floating"
+
+
+def velocity_of(robot: Robot) -> Velocity:
+    """Return the measured velocity in the frame of the base; of an unknown one, standing."""
+    base = None if robot.frame is None else robot.frame.base
+    if base is None or not all(map(math.isfinite, (*base.linear_m_s, *base.angular_rad_s, *base.orientation_xyzw))):
+        return STANDING
+    x, y, z, w = base.orientation_xyzw
+    heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    cosine, sine = math.cos(heading), math.sin(heading)
+    forward, left, _ = base.linear_m_s
+    return Velocity(forward * cosine + left * sine, left * cosine - forward * sine, base.angular_rad_s[2])
+
+
+class Driving:
+    """The drives that this gateway has let begin."""
+
+    def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
+        self._now_s = now_s
+        self._begun = dict[str, tuple[Drive, float]]()
+
+    def begin(self, robot: Robot, drive: Drive) -> None:
+        lasts_s = drive.duration_s + drive.limits.braking_s(drive.velocity) + _MARGIN_S
+        self._begun[robot.name] = drive, self._now_s() + lasts_s
+
+    def ends(self, robot: Robot) -> Positions:
+        """Return where the base may be when it stands, as positions of the joints that carry it; nothing if it stands.
+
+        Drives that another gateway has let begin are seen once the base moves.
+        """
+        if not drives(robot):
+            return {}
+        now, (drive, until_s) = velocity_of(robot), self._begun.get(robot.name, (None, 0.0))
+        if drive is not None and self._now_s() < until_s:
+            return positions_of(drive.way(now)[-1])
+        self._begun.pop(robot.name, None)
+        linear, lateral, angular = now
+        if math.hypot(linear, lateral) < _STILL_M_S and abs(angular) < _STILL_RAD_S:
+            return {}
+        there = Pose().moved(linear * COAST_S, angular * COAST_S, lateral * COAST_S)
+        return positions_of(Pose(there.x, there.y, angular * COAST_S))

@@ -1,0 +1,194 @@
+"""Bases that drive at random among crates and each other touch nothing, whatever is asked of them."""
+
+import itertools
+import math
+import os
+import random
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import numpy.typing as npt
+import pytest
+
+from linked_fleet_agent.components.driving import planar_base
+from linked_fleet_agent.planar import DriveLimits, Pose, Ramp, Velocity
+from linked_fleet_agent.wire.codec import encode_state, layout
+from linked_fleet_agent.wire.messages import Description, Mesh, State
+from linked_fleet_gateway.actions.plan import Act, Motion, RobotTime, slowed
+from linked_fleet_gateway.app.application import create_live
+from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.models.meshes import Meshes
+from linked_fleet_gateway.extensions.world import checks
+from linked_fleet_gateway.extensions.world.checks import Checks
+from linked_fleet_gateway.extensions.world.collisions import Collides
+from linked_fleet_gateway.extensions.world.placement import PLACEMENT
+from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
+from linked_fleet_gateway.fleet.driving import REACTION_S, Drive
+from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
+from linked_fleet_gateway.fleet.model import Pose as Pose3
+from linked_fleet_gateway.identity.rights import ALL
+from virtual.zenoh_network import ZenohNetwork
+
+LIMITS = DriveLimits(linear=1.0, angular=1.5, linear_acceleration=1.0, angular_acceleration=2.0)
+LENGTH_M, WIDTH_M, CRATE_M, TICK_S = 0.5, 0.4, 0.3, 0.01
+SEEDS = range(40 if "LONG_TESTS" in os.environ else 1)
+DRIVES, DRIVES_IN_ONE_WORLD = 250, 50
+"""Of each seed, and among the same crates."""
+Corners = npt.NDArray[np.float64]
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+URDF = f"""<robot name="cart"><link name="base"><collision><origin xyz="0 0 0.2"/><geometry>
+<box size="{LENGTH_M} {WIDTH_M} 0.3"/></geometry></collision></link></robot>"""
+
+
+def rectangle(pose: Pose, length_m: float, width_m: float) -> Corners:
+    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
+    corners = [(length_m / 2, width_m / 2), (-length_m / 2, width_m / 2)]
+    corners += [(-x, -y) for x, y in corners]
+    return np.array([(pose.x + x * cosine - y * sine, pose.y + x * sine + y * cosine) for x, y in corners])
+
+
+def overlap(one: Corners, other: Corners) -> bool:
+    """Return True if two convex polygons overlap (separating axes)."""
+    for corners in (one, other):
+        for start, end in itertools.pairwise([*corners, corners[0]]):
+            across = np.array([end[1] - start[1], start[0] - end[0]])
+            mine, yours = one @ across, other @ across
+            if mine.max() < yours.min() or yours.max() < mine.min():
+                return False
+    return True
+
+
+class Cart:
+    """A base that drives as its agent would let it. Requests take a while to arrive."""
+
+    def __init__(self, name: str, chance: random.Random) -> None:
+        self.name, self.chance = name, chance
+        self.at, self.ramp, self.now_s = Pose(), Ramp(LIMITS), 0.0
+        self.coming: list[tuple[float, Drive]] = []
+
+    def request(self, drive: Drive) -> None:
+        self.coming.append((self.now_s + self.chance.uniform(0.0, REACTION_S), drive))
+
+    def tick(self) -> None:
+        self.now_s += TICK_S
+        while self.coming and self.coming[0][0] <= self.now_s:
+            _, drive = self.coming.pop(0)
+            self.ramp.request(drive.velocity, self.now_s + drive.duration_s)
+        way = self.ramp.step(self.now_s, TICK_S)
+        self.at = self.at.moved(way.linear * TICK_S, way.angular * TICK_S)
+
+    @property
+    def corners(self) -> Corners:
+        return rectangle(self.at, LENGTH_M, WIDTH_M)
+
+
+class Floor:
+    """Two carts, and the checks of their drives."""
+
+    def __init__(self, folder: Path, chance: random.Random) -> None:
+        self.live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
+        self.objects: dict[str, SceneObject] = {}
+        self.checks = Checks(self.live, Meshes(self._ask), self.objects, folder)
+        self.chance = chance
+        self.carts = [Cart("a", chance), Cart("b", chance)]
+        self.checks._driving._now_s = lambda: self.carts[0].now_s
+        for cart in self.carts:
+            description = Description(
+                version=1, robot=cart.name, incarnation=1, title=cart.name, urdf=URDF, joints=(), rate_hz=100,
+                capabilities=(), layout=layout(0, True), base="floating",
+            )  # fmt: skip
+            for event in (Appeared(cart.name, 1), Described(description)):
+                self.live.fleet.apply(event, 1)
+            pose = {"position_m": (0.0, 0.0, 0.0), "orientation_xyzw": UPRIGHT}
+            self.live.fleet.robots[cart.name].settings = {PLACEMENT: msgspec.json.encode(pose).decode()}
+        self.sequence = 0
+
+    async def _ask(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:
+        raise AssertionError("it has no meshes")
+
+    def frames(self) -> None:
+        for cart in self.carts:
+            self.sequence += 1
+            base = planar_base(cart.at, cart.ramp.velocity)
+            state = State(
+                incarnation=1, sequence=self.sequence, monotonic_ns=self.sequence, wall_ns=1, positions=(),
+                velocities=(), efforts=(), base=base,
+            )  # fmt: skip
+            self.live.fleet.apply(Framed(cart.name, encode_state(state)), 1)
+
+    def scatter(self) -> None:
+        """Put crates and carts where they do not touch."""
+        taken: list[Corners] = []
+        self.objects.clear()
+        for number in range(8):
+            at = self._free(taken, CRATE_M, CRATE_M)
+            pose = Pose3((at.x, at.y, 0.3), (0.0, 0.0, math.sin(at.heading / 2), math.cos(at.heading / 2)))
+            self.objects[f"c{number}"] = SceneObject(
+                title=f"crate {number}", kind="obstacle", pose=pose, geometry=Box((CRATE_M, CRATE_M, 0.6))
+            )
+        self.crates = list(taken)
+        for cart in self.carts:
+            cart.at, cart.ramp, cart.coming = self._free(taken, LENGTH_M + 0.1, WIDTH_M + 0.1), Ramp(LIMITS), []
+        self.checks._driving._begun.clear()
+
+    def _free(self, taken: list[Corners], length_m: float, width_m: float) -> Pose:
+        while True:
+            x, y = self.chance.uniform(-2.5, 2.5), self.chance.uniform(-2.5, 2.5)
+            at = Pose(x, y, self.chance.uniform(-math.pi, math.pi))
+            corners = rectangle(at, length_m, width_m)
+            if not any(overlap(corners, each) for each in taken):
+                taken.append(corners)
+                return at
+
+    async def ask(self, cart: Cart, drive: Drive) -> float:
+        """Request a drive. Return the share of its speed that the check allows; 0 if it is refused."""
+        robot = self.live.fleet.robots[cart.name]
+        act = Act("mobile_base", msgspec.json.encode(drive.input), "drive", moves=("base",), drive=drive)
+        motion = Motion(robot, act, {}, RobotTime(1, 1))
+        try:
+            found = await self.checks.check_path(motion, ALL, "drive")
+        except Collides:
+            return 0.0
+        allowed = slowed(motion, found.speed_share).motion
+        assert isinstance(allowed, Act) and allowed.drive is not None
+        cart.request(allowed.drive)
+        return found.speed_share
+
+    def tick(self) -> None:
+        for cart in self.carts:
+            cart.tick()
+        one, other = (cart.corners for cart in self.carts)
+        assert not overlap(one, other), "the carts touch"
+        for corners, crate in itertools.product((one, other), self.crates):
+            assert not overlap(corners, crate), "a cart touches a crate"
+
+    def drive(self) -> Drive:
+        velocity = Velocity(self.chance.uniform(-1, 1), 0.0, self.chance.uniform(-1.5, 1.5))
+        straight = Velocity(velocity.linear, 0.0, 0.0)
+        return Drive(self.chance.choice((velocity, straight)), self.chance.uniform(0.1, 1.0), LIMITS)
+
+
+@pytest.fixture(autouse=True)
+def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(checks, "EARLY_S", 60.0)
+    monkeypatch.setattr(checks, "_TIMEOUT_S", 60.0)
+
+
+@pytest.mark.parametrize("seed", SEEDS)
+async def test_random_drives_touch_nothing(tmp_path: Path, seed: int) -> None:
+    """10,000 in the long tests."""
+    chance = random.Random(seed)
+    floor, shares = Floor(tmp_path, chance), list[float]()
+    async with floor.checks:
+        for number in range(DRIVES):
+            if number % DRIVES_IN_ONE_WORLD == 0:
+                floor.scatter()
+            floor.frames()
+            shares.append(await floor.ask(chance.choice(floor.carts), floor.drive()))
+            for _ in range(round(chance.uniform(0.05, 1.0) / TICK_S)):
+                floor.tick()
+    slower = sum(0.0 < share < 1.0 for share in shares)
+    assert shares.count(1.0) > DRIVES / 4
+    assert slower > DRIVES / 20
+    assert shares.count(0.0) > DRIVES / 50
