@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from msgspec import Raw, Struct
+from msgspec import UNSET, Raw, Struct
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.components import COMPONENTS_VERSION, Operate
@@ -30,7 +30,8 @@ class RobotTime(Struct, frozen=True):
 class Act(Struct, frozen=True):
     """A request to a component of a robot: an action, or a property to set.
 
-    ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion.
+    ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion. ``stream`` opens
+    an action as a stream.
     """
 
     component: str
@@ -38,6 +39,7 @@ class Act(Struct, frozen=True):
     action: str = ""
     property: str = ""
     moves: tuple[str, ...] = ()
+    stream: bool = False
 
 
 class Motion(Struct, frozen=True):
@@ -103,6 +105,7 @@ def build_command(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: boo
             property=act.property,
             input=Raw(act.input),
             rehearsal=rehearsal,
+            stream=True if act.stream else UNSET,
         )
     return Command(
         version=WIRE_VERSION,

@@ -4,6 +4,7 @@ import re
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
+from linked_fleet_agent.wire.messages import StreamCounts
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 
 
@@ -69,7 +70,8 @@ class Invocation:
     the motion did not cover, each after its path. ``operation`` is True for an action that is no motion: a gateway
     carries it out, with ``output`` (N-Triples about ``_:output``) as its result, until it ends or somebody asks to
     cancel it, for the reason ``cancelling``. ``moves`` is what an action of a component moves, joints or ``base``;
-    ``feedback`` is the last one that it gave and ``outcome`` its result, both in JSON.
+    ``feedback`` is the last one that it gave and ``outcome`` its result, both in JSON; ``stream`` counts the samples of
+    one that was opened as a stream.
 
     ``robots`` has the answer of each robot to an invocation of the fleet: a word, which is a state or ``refused``,
     optionally followed by details, as in ``failed: the joint is blocked``. Any other word means that the robot has not
@@ -107,6 +109,7 @@ class Invocation:
     moves: tuple[str, ...] = ()
     feedback: str = ""
     outcome: str = ""
+    stream: StreamCounts | None = None
 
     @property
     def is_motion(self) -> bool:
@@ -137,6 +140,7 @@ def merge_copies(held: Invocation, found: Invocation) -> Invocation:
         started_ns=base.started_ns or other.started_ns,
         preempts=base.preempts or other.preempts,
         feedback=base.feedback or other.feedback,
+        stream=base.stream or other.stream,
         deadline_ns=max(base.deadline_ns, other.deadline_ns),
         cancelling=base.cancelling or other.cancelling,
     )
