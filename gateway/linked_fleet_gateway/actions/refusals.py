@@ -123,7 +123,8 @@ def translate_store_errors() -> Iterator[None]:
         lease = error.lease
         until = datetime.fromtimestamp(lease.expires_ns / 1e9, UTC).isoformat(timespec="seconds")
         raise Controlled(
-            f"{lease.holder} controls {lease.robot} until {until}; only stopping is open to everybody.",
+            f"{lease.holder}, a {lease.priority}, controls {lease.robot} until {until}; only stopping is open to "
+            "everybody.",
             holder=lease.holder,
             expires=until,
         ) from error

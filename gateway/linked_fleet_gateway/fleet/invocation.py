@@ -3,9 +3,13 @@
 import re
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Literal
 
 from linked_fleet_agent.wire.messages import StreamCounts
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
+
+Priority = Literal["program", "person"]
+"""The priority of a control lease: a person may take it from a program."""
 
 
 @dataclass(frozen=True)
@@ -22,6 +26,7 @@ class Lease:
     expires_ns: int
     duration_s: float
     left_s: float = field(default=0.0, compare=False)
+    priority: Priority = "program"
 
 
 FLEET = ""  # stands for the robot of an invocation of the whole fleet

@@ -151,6 +151,7 @@ class Reports:
             "time": None if at_ns is None else at_ns // _US / 1e6,
             "state": invocation.state.value,
             "driver": invocation.client if lease is None else lease.holder,
+            "priority": None if lease is None else lease.priority,
             "applied": counts.applied,
             "dropped": dropped | {"superseded": self._samples.superseded},
             "silent": counts.silent,

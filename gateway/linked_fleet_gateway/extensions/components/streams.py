@@ -80,7 +80,7 @@ class OpenStream:
         if invocation.state.terminal:
             return f"{invocation.state}: {invocation.reason}" if invocation.reason else invocation.state.value
         if lease is not None and lease.id != self.lease:
-            return f"{lease.holder} has taken control"
+            return f"{lease.holder}{', a person,' if lease.priority == 'person' else ''} has taken control"
         return "the control lease has ended" if self.lease and lease is None else ""
 
 

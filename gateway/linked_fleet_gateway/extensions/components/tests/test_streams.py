@@ -321,6 +321,26 @@ def test_a_lease_that_somebody_takes_ends_a_stream_without_one(hall: Hall) -> No
     hall.stands()
 
 
+def test_a_person_takes_control_from_a_program_and_never_the_other_way_round(hall: Hall) -> None:
+    token = hall.lease("Planner").headers["lock-token"]
+    program = hall.open(**{"lock-token": token})
+    program.drive(0.5, 0.5)
+    assert (program.told["driver"], program.told["priority"]) == ("Planner", "program")
+    proof = hall.lease("Ann", priority="person").headers["lock-token"]
+    assert program.ended()[1].endswith("Ann, a person, has taken control")
+    assert str(hall.browser.page(hall.robot + "lease").one(LF.priority)) == "person"
+    person = hall.open(**{"lock-token": proof})
+    person.drive(-0.5, 0.8)
+    assert hall.speed == -0.5
+    assert (person.told["driver"], person.told["priority"]) == ("Ann", "person")
+    for holder, priority in (("Planner", "program"), ("Ben", "person")):
+        refused = hall.lease(holder, token if holder == "Planner" else "", priority=priority)
+        assert refused.status_code == 409
+        assert refused.json()["detail"].startswith("Ann, a person, controls cart")
+    person.drive(-0.5, 0.2)
+    assert person.told["state"] == "running"
+
+
 def test_a_newer_stream_takes_over(hall: Hall) -> None:
     first = hall.open()
     first.drive(0.5, 0.5)
