@@ -10,7 +10,7 @@ from linked_fleet_gateway.http.body import convert_body, parse_body, parse_form,
 from linked_fleet_gateway.http.fields import Link as WebLink
 from linked_fleet_gateway.http.fields import link_header
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong
-from linked_fleet_gateway.http.invoke import websocket_caller
+from linked_fleet_gateway.http.lease_tokens import websocket_caller
 from linked_fleet_gateway.http.preconditions import (
     await_preconditions,
     check_preconditions,

@@ -28,12 +28,12 @@ from linked_fleet_gateway.base.errors import (
 )
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
-from linked_fleet_gateway.http.demands import refuse_demands
 from linked_fleet_gateway.http.fields import Prefer, field, parse_prefer
+from linked_fleet_gateway.http.lease_tokens import lock_token
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.representation import Representation
-from linked_fleet_gateway.http.request import Connection, Request, WebSocket
+from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON
@@ -48,7 +48,7 @@ from linked_fleet_gateway.rdf.validation import (
 from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.affordance import FORM_TYPES, Demand, EndInvocation, Invoke, PutTarget
+from linked_fleet_gateway.resources.affordance import FORM_TYPES, EndInvocation, Invoke, PutTarget
 from linked_fleet_gateway.resources.body_values import Body, input_ntriples
 from linked_fleet_gateway.resources.invocation import describe_rehearsal, invocation_path
 from linked_fleet_gateway.resources.resource import Resource
@@ -61,10 +61,8 @@ if TYPE_CHECKING:
 # a trajectory of seven joints at about two hundred times
 MAX_BODY_BYTES = 256 * 1024
 MAX_TRIPLES = 5_000
-LEASE_SUBPROTOCOL = "lf.lease."
 _TARGET = Terms({LF.value: Terms()})
 _KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
-_TOKEN = re.compile(r"<(urn:uuid:[0-9a-f-]{36})>|(urn:uuid:[0-9a-f-]{36})")
 
 
 async def invoke(request: Request, affordance: Invoke) -> Response:
@@ -142,40 +140,6 @@ def _trace(offer: Offer, end: str) -> None:
     trace.set_route(f"{thing}/{end}")
     if offer.robot is not None:
         trace.set_attributes({"robot": offer.robot.name})
-
-
-def lock_token(request: Connection) -> str:
-    """Return the ``Lock-Token`` of a control lease (RFC 4918, 10.5); empty without one."""
-    said = request.arrival.fields.get(b"lock-token")
-    if said is None:
-        return ""
-    match = _TOKEN.fullmatch(said.decode("latin-1").strip())
-    if match is None:
-        raise BadRequest("Lock-Token is what the control lease came with, such as <urn:uuid:...>.")
-    return match[1] or match[2]
-
-
-def websocket_caller(websocket: WebSocket) -> Caller:
-    """Return the caller of an action that a WebSocket runs, with the proof of its lease.
-
-    That is the field ``Lock-Token`` or, because browsers cannot set fields on a WebSocket, the subprotocol
-    ``lf.lease.`` with the UUID of the token. Raises BadRequest for one that is malformed, and for demands that a
-    WebSocket does not honour.
-    """
-    refuse_demands(websocket.arrival.fields, frozenset({Demand.LOCK_TOKEN}))
-    named = [each.removeprefix(LEASE_SUBPROTOCOL) for each in websocket.scope["subprotocols"] if _is_lease(each)]
-    token = lock_token(websocket)
-    if named and (token or len(named) > 1 or not _TOKEN.fullmatch(f"urn:uuid:{named[0]}")):
-        raise BadRequest(f"{LEASE_SUBPROTOCOL}UUID names the token of one control lease, and replaces Lock-Token.")
-    return Caller(
-        websocket.caller_name,
-        f"urn:uuid:{named[0]}" if named else token,
-        visible_robots=websocket.caller.visible_robots,
-    )
-
-
-def _is_lease(subprotocol: str) -> bool:
-    return subprotocol.startswith(LEASE_SUBPROTOCOL)
 
 
 def _key(request: Request) -> str:

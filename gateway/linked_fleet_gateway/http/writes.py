@@ -32,7 +32,7 @@ from linked_fleet_gateway.fleet.invocation import Priority
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.fields import field, parameters, split
-from linked_fleet_gateway.http.invoke import lock_token
+from linked_fleet_gateway.http.lease_tokens import lock_token
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request

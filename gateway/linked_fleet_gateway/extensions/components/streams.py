@@ -38,8 +38,7 @@ _LEFT = "its client has closed the stream"
 
 def takes_stream(affords: Any) -> bool:
     """Return True for an action that takes a stream."""
-    offer = affords.offer
-    return isinstance(offer, ComponentOffer) and offer.declared is not None and offer.declared.stream is not None
+    return bool(affords.offer.stream_protocol)
 
 
 class OpenStream:

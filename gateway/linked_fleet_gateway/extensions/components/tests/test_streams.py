@@ -126,6 +126,14 @@ def test_the_action_says_that_it_takes_a_stream(hall: Hall) -> None:
     assert str(page.one(LF.streamProtocol)) == "lf.drive"
     limits = [number(page, LF.term(name)) for name in ("ageLimit", "silenceLimit", "endsAfter")]
     assert limits == [0.15, 0.2, 2.0]
+    td = hall.browser.http.get(hall.robot + "mobile_base", headers={"accept": "application/td+json"}).json()
+    forms = td["actions"]["drive"]["forms"]
+    assert [(each["href"], each["op"]) for each in forms if each.get("subprotocol") == "lf.drive"] == [
+        (hall.url, "invokeaction")
+    ]
+    api = hall.browser.http.get(hall.place.root + "openapi.json", headers={"accept": "application/json"}).json()
+    (drive,) = (path for path in api["paths"] if path.endswith("/actions/drive"))
+    assert "the subprotocol lf.drive" in api["paths"][drive]["post"]["description"]
 
 
 def test_samples_drive_the_robot_as_one_invocation(hall: Hall) -> None:
