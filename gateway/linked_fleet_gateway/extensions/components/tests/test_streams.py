@@ -344,7 +344,8 @@ def test_a_person_takes_control_from_a_program_and_never_the_other_way_round(hal
     for holder, priority in (("Planner", "program"), ("Ben", "person")):
         refused = hall.lease(holder, token if holder == "Planner" else "", priority=priority)
         assert refused.status_code == 409
-        assert refused.json()["detail"].startswith("Ann, a person, controls cart")
+        assert refused.json()["detail"].startswith("Ann controls cart until ")
+        assert ", as a person;" in refused.json()["detail"]
     person.drive(-0.5, 0.2)
     assert person.told["state"] == "running"
 
