@@ -33,6 +33,7 @@ SUITES = (
     Suite("joining", repeated=False),
     Suite("components", repeated=False),
     Suite("latency"),
+    Suite("driving"),
     Suite("actions", repeated=False),
     Suite("parts", repeated=False),
     Suite("binary", repeated=False),

@@ -24,14 +24,14 @@ from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.urdf import RobotModel
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.codec import VersionError, WireError
-from linked_fleet_agent.wire.components import BASE, Operate
+from linked_fleet_agent.wire.components import BASE, Operate, Sample
 from linked_fleet_agent.wire.messages import Accepted, Command, Refused, Reply, Stop
 from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS
 
 _log = logging.getLogger(__name__)
 _LEAST_APART = 0.1
 """Least time between a frame and the extra frame after a stop, as a share of the tick period."""
-_M = TypeVar("_M", Command, Stop, Operate)
+_M = TypeVar("_M", Command, Stop, Operate, Sample)
 
 
 class Link(Protocol):
@@ -197,6 +197,15 @@ class Agent:
         if isinstance(reply, Refused):
             _log.info("%s: request %s refused (%s): %s", self.name, reply.id, reply.code, reply.reason)
         return codec.encode(reply)
+
+    def handle_sample(self, payload: bytes) -> None:
+        """Judge a sample of a stream, and give it to its action. Never raises."""
+        self._hold_after_pause()
+        sample = _decoded(payload, Sample)
+        if isinstance(sample, Refused):
+            _log.info("%s: a sample is dropped (%s): %s", self.name, sample.code, sample.reason)
+        else:
+            self._operating.hear(sample)
 
     def values(self) -> bytes:
         """Return the values of all components."""

@@ -132,6 +132,11 @@ def _parts(said: wire.Component) -> Iterator[str]:
     for name, action in said.actions.items():
         moves = f"moves {', '.join(action.moves)}" if action.moves else "moves nothing"
         yield f"action {name}: {moves}; at most {action.duration_s:g} s, stops within {action.stop_s:g} s"
+        if (limits := action.stream) is not None:
+            yield (
+                f"  takes a stream: no sample older than {limits.age_s:g} s; rests after {limits.silence_s:g} s of "
+                f"silence, ends after {limits.end_s:g} s"
+            )
         for part in ("input", "feedback", "result"):
             if (schema := getattr(action, part)) is not None:
                 yield f"  {part}: {in_words(schema)}"

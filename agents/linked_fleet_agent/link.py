@@ -15,6 +15,7 @@ from linked_fleet_agent.mesh_files import MeshError
 from linked_fleet_agent.robot import PictureError
 from linked_fleet_agent.tracing import Tracing
 from linked_fleet_agent.transport import Publisher, Query, Session, TransportError
+from linked_fleet_agent.wire.components import MAX_SAMPLE_BYTES
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.parts import PART_BYTES, PartHead, PartRequest, content_tag
 
@@ -38,7 +39,7 @@ class RobotLink:
     """One robot on a shared session: ``async with RobotLink(...) as link`` declares it, leaving undeclares it.
 
     ``on_command`` and ``on_stop`` are called on the event loop with the payload and return the payload of the reply;
-    so are ``on_operate`` and ``on_values``, which a robot with components has.
+    so are ``on_operate``, ``on_values`` and ``on_sample``, which a robot with components has.
     ``on_mesh`` and ``on_picture`` are called in a thread, one call of each at a time; they may raise MeshError and
     PictureError. Entering raises DuplicateNameError if the name is still in use after three times ``lease_ms``; by then
     the token of a killed agent has expired, also on a busy machine.
@@ -58,6 +59,7 @@ class RobotLink:
         on_picture: Callable[[bytes], bytes] | None = None,
         on_operate: Callable[[bytes], bytes] | None = None,
         on_values: Callable[[], bytes] | None = None,
+        on_sample: Callable[[bytes], None] | None = None,
         lease_ms: int = 2_000,
         tracing: Tracing | None = None,
     ) -> None:
@@ -67,7 +69,7 @@ class RobotLink:
         self._answers: dict[_Prompt, Callable[[bytes], bytes]] = {"command": on_command, "stop": on_stop}
         if on_operate is not None and on_values is not None:
             self._answers |= {"operate": on_operate, "values": lambda _: on_values()}
-        self._tracing = tracing
+        self._tracing, self._on_sample = tracing, on_sample
         slow: dict[_Slow, Callable[[bytes], bytes] | None] = {
             "mesh": on_mesh, "picture": on_picture, "description": lambda _: description,
         }  # fmt: skip
@@ -165,6 +167,10 @@ class RobotLink:
             yield partial(declare, keys.robot(robot, kind), partial(self._answer, kind))
         for slow in [kind for kind in self._slow if kind != "description"]:
             yield partial(declare, keys.robot(robot, slow), partial(self._answer_in_thread, slow))
+        if self._on_sample is not None:
+            # One key for all streams: a subscriber for each would be known to routers only after its first samples.
+            hear, sample = self._session.subscribe_payloads, keys.robot(robot, "sample")
+            yield partial(hear, sample, MAX_SAMPLE_BYTES, self._on_sample)
         # No one reads this token. Without a declaration on the key, routers search those of all robots for each frame.
         yield partial(self._session.declare_token, keys.robot(robot, "state"))
         # The token comes last, so that a gateway that sees the robot can query it.

@@ -15,7 +15,7 @@ from linked_fleet_agent.robot import JointFacts, Limits
 from linked_fleet_agent.setpoints import Setpoints
 from linked_fleet_agent.trajectory import RAMP_S, Trajectory, brake, cruise_of, hold, reach, reach_in
 from linked_fleet_agent.urdf.facts import TOLERANCE_M, TOLERANCE_RAD
-from linked_fleet_agent.wire.messages import Follow, Move
+from linked_fleet_agent.wire.messages import Follow, Move, StreamCounts
 
 # A stopped joint must be measured in one place for this long.
 STANDSTILL_S = 0.2
@@ -42,7 +42,7 @@ State = Literal["running", "succeeded", "failed", "cancelled", "preempted"]
 class Outcome:
     """The outcome of a command; the agent publishes it as progress with the measured positions of ``joints``.
 
-    ``feedback`` and ``result`` are those of an action of a component, as JSON.
+    ``feedback`` and ``result`` are those of an action of a component, as JSON, ``stream`` the counts of its samples.
     """
 
     command_id: str
@@ -53,6 +53,7 @@ class Outcome:
     successor: str = ""
     feedback: bytes | None = None
     result: bytes | None = None
+    stream: StreamCounts | None = None
 
 
 @dataclass(frozen=True)

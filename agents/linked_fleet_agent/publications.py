@@ -212,6 +212,7 @@ class Report:
             successor=outcome.successor,
             feedback=UNSET if outcome.feedback is None else Raw(outcome.feedback),
             result=UNSET if outcome.result is None else Raw(outcome.result),
+            stream=UNSET if outcome.stream is None else outcome.stream,
         )
         payload = codec.encode(progress)
         if outcome.state != "running":

@@ -218,6 +218,7 @@ class _Served:
             on_picture=agent.picture if agent.has_cameras else None,
             on_operate=agent.handle_operate if agent.has_components else None,
             on_values=agent.values if agent.has_components else None,
+            on_sample=agent.handle_sample if agent.has_components else None,
             lease_ms=self._settings.lease_ms,
             tracing=self._tracing,
         )

@@ -67,6 +67,10 @@ class Session(Protocol):
         """Call ``hear`` with the key of each publication."""
         ...
 
+    def subscribe_payloads(self, key: str, limit: int, hear: Callable[[bytes], None]) -> AbstractContextManager[object]:
+        """Call ``hear`` with the payload of each publication; one above ``limit`` bytes is dropped."""
+        ...
+
     def subscribe_tokens(self, key: str, hear: Callable[[str, bool], None]) -> AbstractContextManager[object]:
         """Call ``hear`` for each liveliness token that is present now or appears, and for each that disappears."""
         ...

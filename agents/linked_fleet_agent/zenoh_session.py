@@ -110,6 +110,13 @@ class ZenohSession:
     def subscribe(self, key: str, hear: Callable[[str], None]) -> AbstractContextManager[object]:
         return self._session.declare_subscriber(key, self._in_loop(lambda sample: hear(str(sample.key_expr))))
 
+    def subscribe_payloads(self, key: str, limit: int, hear: Callable[[bytes], None]) -> AbstractContextManager[object]:
+        def take(sample: zenoh.Sample) -> None:
+            if len(sample.payload) <= limit:
+                hear(sample.payload.to_bytes())
+
+        return self._session.declare_subscriber(key, self._in_loop(take))
+
     def subscribe_tokens(self, key: str, hear: Callable[[str, bool], None]) -> AbstractContextManager[object]:
         def take(sample: zenoh.Sample) -> None:
             hear(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)

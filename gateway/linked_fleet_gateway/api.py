@@ -35,7 +35,7 @@ from linked_fleet_gateway.http.hosted import AsgiResponse
 from linked_fleet_gateway.http.internal_request import ask
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.read import read_resource
-from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.http.request import Request, WebSocket
 from linked_fleet_gateway.http.request_events import RequestEvent
 from linked_fleet_gateway.http.websocket import SubprotocolConnection, WebSocketHandler
 from linked_fleet_gateway.identity.rights import Right
@@ -66,8 +66,8 @@ __all__ = [
     "Mount", "Move", "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose",
     "PreconditionFailed", "Property", "PropertyBranch", "RedisUnavailable", "Request", "RequestEvent", "RequestView",
     "Resource", "Response", "Right", "Robot", "RobotBranch", "RobotModel", "Section", "Source",
-    "SubprotocolConnection", "Table", "UnprocessableContent", "WebSocketHandler", "ask", "await_turn", "blueprint_of",
-    "body_type", "build_motion", "cancel_tasks", "choose", "counter", "gauge", "gauges", "integer", "joint_path",
-    "link_path", "read_resource", "robot_of", "robot_path", "setting", "supervised", "thing_at", "time_sliced",
-    "timestamp", "whole_number",
+    "SubprotocolConnection", "Table", "UnprocessableContent", "WebSocket", "WebSocketHandler", "ask", "await_turn",
+    "blueprint_of", "body_type", "build_motion", "cancel_tasks", "choose", "counter", "gauge", "gauges", "integer",
+    "joint_path", "link_path", "read_resource", "robot_of", "robot_path", "setting", "supervised", "thing_at",
+    "time_sliced", "timestamp", "whole_number",
 ]  # fmt: skip

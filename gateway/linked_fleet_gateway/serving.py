@@ -10,6 +10,7 @@ from linked_fleet_gateway.http.body import convert_body, parse_body, parse_form,
 from linked_fleet_gateway.http.fields import Link as WebLink
 from linked_fleet_gateway.http.fields import link_header
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong
+from linked_fleet_gateway.http.lease_tokens import websocket_caller
 from linked_fleet_gateway.http.preconditions import (
     await_preconditions,
     check_preconditions,
@@ -42,5 +43,5 @@ __all__ = [
     "TokenBuckets", "WebLink", "Worker", "arrival_of", "await_preconditions", "check_acceptable",
     "check_preconditions", "convert_body", "created_response", "frame", "link_header", "not_modified", "parse_body",
     "parse_form", "patch_types", "problem", "read_body", "read_change", "resolve_under_preconditions", "robot_time",
-    "run_last_step", "stop_segments", "wants_events",
+    "run_last_step", "stop_segments", "wants_events", "websocket_caller",
 ]  # fmt: skip

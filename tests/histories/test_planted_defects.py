@@ -35,7 +35,10 @@ DEFECTS = {
     "a lease with two owners": (
         "TAKE",
         without(
-            without(scripts.TAKE, "if refusal then return refusal end"),
+            without(
+                scripts.TAKE,
+                "if refusal and not (ARGV[6] == 'person' and refusal[8] == 'program') then return refusal end",
+            ),
             "if redis.call('EXISTS', KEYS[1]) == 0 then",
             "if refusal or redis.call('EXISTS', KEYS[1]) == 0 then",
         ),

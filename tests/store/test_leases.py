@@ -11,6 +11,7 @@ import pytest
 from linked_fleet_gateway.actions.redis_scripts import Keys
 from linked_fleet_gateway.actions.store import ActionStore, LeaseHeld, News
 from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_gateway.fleet.invocation import Priority
 from linked_fleet_gateway.fleet.invocations import FLEET
 from redis_backends import Backend, opened
 from running import PATIENCE_S
@@ -287,3 +288,45 @@ async def test_news_during_an_outage_is_delivered_later(a: ActionStore, b: Actio
     a._redis.execute_all = tell  # type: ignore[method-assign]
     await a.check_lease("r", token)
     assert await heard.next(2) == [News("invocation", "r", one.id), News("lease", "r", lease.id)]
+
+
+# Priority
+
+
+async def test_a_person_takes_the_lease_from_a_program_whose_token_is_worth_nothing_then(
+    a: ActionStore, b: ActionStore
+) -> None:
+    lease, token = await a.take_lease("r", "Planner", 60)
+    assert lease.priority == "program"
+    taken, proof = await b.take_lease("r", "Ada", 30, priority="person")
+    assert (taken.holder, taken.priority, taken.duration_s) == ("Ada", "person", 30)
+    assert taken.id != lease.id
+    assert await a.read_lease("r") == taken
+    for step in (a.take_lease("r", "Planner", 60, token), a.check_lease("r", token), a.release_lease("r", token)):
+        with pytest.raises(LeaseHeld) as caught:
+            await step
+        assert caught.value.lease == taken
+    await b.check_lease("r", proof)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"), [("person", "person"), ("person", "program"), ("person", None), ("program", "program")]
+)
+async def test_nobody_takes_it_from_a_person_and_of_equals_the_first_keeps_it(
+    a: ActionStore, b: ActionStore, first: Priority, second: Priority | None
+) -> None:
+    lease, token = await a.take_lease("r", "Ada", 60, priority=first)
+    with pytest.raises(LeaseHeld, match="Ada has the lease"):
+        await b.take_lease("r", "Ben", 60, priority=second)
+    assert await b.read_lease("r") == lease
+    await a.check_lease("r", token)
+
+
+async def test_a_renewal_keeps_the_priority_unless_it_states_one(a: ActionStore, b: ActionStore) -> None:
+    lease, token = await a.take_lease("r", "Ada", 60, priority="person")
+    renewed, _ = await a.take_lease("r", "Ada", 60, token)
+    assert (renewed.id, renewed.priority) == (lease.id, "person")
+    renewed, _ = await a.take_lease("r", "Ada", 60, token, "program")
+    assert (renewed.id, renewed.priority) == (lease.id, "program")
+    taken, _ = await b.take_lease("r", "Ben", 60, priority="person")
+    assert taken.holder == "Ben"

@@ -6,6 +6,8 @@ from linked_fleet_agent.components.component import Component as Component
 from linked_fleet_agent.components.component import action as action
 from linked_fleet_agent.components.component import event as event
 from linked_fleet_agent.components.component import value as value
+from linked_fleet_agent.components.input_stream import Given as Given
+from linked_fleet_agent.components.input_stream import InputStream as InputStream
 from linked_fleet_agent.components.kinds import Battery as Battery
 from linked_fleet_agent.components.kinds import Charge as Charge
 from linked_fleet_agent.components.kinds import Current as Current
@@ -27,3 +29,4 @@ from linked_fleet_agent.components.schemas import DeclarationError as Declaratio
 from linked_fleet_agent.components.schemas import term as term
 from linked_fleet_agent.components.schemas import unit as unit
 from linked_fleet_agent.wire.components import BASE as BASE
+from linked_fleet_agent.wire.components import StreamLimits as StreamLimits

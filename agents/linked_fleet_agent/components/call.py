@@ -5,6 +5,8 @@ from typing import Generic, Protocol, TypeVar
 
 import msgspec
 
+from linked_fleet_agent.components.input_stream import InputStream
+
 F = TypeVar("F")
 
 
@@ -25,9 +27,11 @@ class Call(Generic[F]):
     One that is ``async`` is cancelled as any task of asyncio is.
     """
 
-    def __init__(self, id: str, report: Report) -> None:
+    def __init__(self, id: str, report: Report, stream: InputStream | None = None) -> None:
         self.id = id
         """The id of the invocation."""
+        self.stream = stream
+        """The further inputs of this run, if it was opened as a stream."""
         self._report, self._ended = report, threading.Event()
         self._progress: float | None = None
         self.replaced = False

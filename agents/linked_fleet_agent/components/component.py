@@ -6,6 +6,8 @@ from typing import Any, ClassVar, Generic, Literal, NamedTuple, Self, TypeVar, o
 
 import msgspec
 
+from linked_fleet_agent.wire.declaration import StreamLimits
+
 C = TypeVar("C", bound="Component")
 T = TypeVar("T")
 Method = TypeVar("Method", bound=Callable[..., Any])
@@ -109,6 +111,7 @@ class ActionOptions(NamedTuple):
     kind: str
     rehearse: Callable[..., float] | None
     takes_over: bool = False
+    stream: StreamLimits | None = None
 
 
 def action(
@@ -120,6 +123,7 @@ def action(
     kind: str = "",
     rehearse: Callable[..., float] | None = None,
     takes_over: bool = False,
+    stream: StreamLimits | None = None,
 ) -> Callable[[Method], Method]:
     """Mark a method as an action. The annotations of its parameters and of what it returns are its schemas.
 
@@ -130,10 +134,13 @@ def action(
 
     A run that ``takes_over`` begins while an earlier run of the same action is moving, which is told so
     (``Call.replaced``): it ends once the newer one has taken over, or else brings to rest what it moves.
+
+    With ``stream`` a run can be opened as a stream: ``call.stream`` then yields further inputs, and ``duration_s`` does
+    not end the run. The method is ``async``, and its parameters have defaults.
     """
 
     def mark(method: Method) -> Method:
-        setattr(method, OPTIONS, ActionOptions(moves, duration_s, stop_s, title, kind, rehearse, takes_over))
+        setattr(method, OPTIONS, ActionOptions(moves, duration_s, stop_s, title, kind, rehearse, takes_over, stream))
         return method
 
     return mark

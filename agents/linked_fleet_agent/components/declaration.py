@@ -143,7 +143,10 @@ def _task(component: Component, name: str, method: Callable[..., Any]) -> Task:
         duration_s=options.duration_s,
         stop_s=options.stop_s,
         rehearses=options.rehearse is not None,
+        stream=options.stream,
     )
+    if options.stream is not None and not (takes_call and inspect.iscoroutinefunction(method)):
+        raise DeclarationError("it takes a stream, so it must be async and have a parameter 'call'")
     rehearse = None if options.rehearse is None else options.rehearse.__get__(component)
     return Task(method.__get__(component), declared, given, takes_call, rehearse, options.takes_over)
 

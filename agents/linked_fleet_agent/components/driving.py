@@ -10,6 +10,7 @@ from msgspec import Meta
 
 from linked_fleet_agent.components.call import Call
 from linked_fleet_agent.components.component import action, value
+from linked_fleet_agent.components.input_stream import InputStream
 from linked_fleet_agent.components.kinds import (
     Angular,
     Base,
@@ -24,7 +25,7 @@ from linked_fleet_agent.components.schemas import unit
 from linked_fleet_agent.components.ticks import Ticks
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Ramp, Velocity
 from linked_fleet_agent.wire import messages
-from linked_fleet_agent.wire.components import BASE
+from linked_fleet_agent.wire.components import BASE, StreamLimits
 
 MOST_S, USUAL_S = 1.0, 0.5
 """How long one request of velocities holds, at most and by default."""
@@ -112,13 +113,18 @@ class VelocityBase(Base, blocking=False):
         self.send(STANDING)
 
     async def _request(self, call: Call[PlanarTwist], wanted: Velocity, duration_s: float) -> None:
-        """Drive like this, and end when the base stands, or when a newer request has taken over."""
+        """Drive like this, and end when the base stands, or when a newer request has taken over.
+
+        One that was opened as a stream drives as its samples say, until it is told to end.
+        """
         if self._ticked_s is None:
             await self._tick()
         assert self._ticked_s is not None
         self._driver = call
         self.ramp.request(wanted, self._ticked_s + duration_s)
         try:
+            if call.stream is not None:
+                await self._follow(call, call.stream)
             await self._until_standing(call)
         except asyncio.CancelledError:
             if call.replaced:
@@ -127,6 +133,15 @@ class VelocityBase(Base, blocking=False):
                 self.ramp.brake()
                 await self._until_standing(call)
             raise
+
+    async def _follow(self, call: Call[PlanarTwist], stream: InputStream) -> None:
+        """Drive as samples say. The ramp brakes by itself when one does not hold any more."""
+        self.ramp.brake()
+        async for given in stream:
+            if given is not None:
+                velocities = (given.input.get(name, 0.0) for name in Velocity._fields)
+                self.ramp.request(Velocity(*velocities), given.until_s)
+            call.feedback(self.twist)
 
     async def _until_standing(self, call: Call[PlanarTwist]) -> None:
         while self._driver is call and not self.ramp.standing:
@@ -168,7 +183,10 @@ def _drive(limits: DriveLimits) -> Any:
         angular: Angular = 0.0,
         duration: _Duration = USUAL_S,
     ) -> None:
-        """Drive with these velocities for a short time, then brake. A newer request takes over the speed."""
+        """Drive with these velocities for a short time, then brake. A newer request takes over the speed.
+
+        The samples of a stream hold for its time of silence, whatever their duration.
+        """
         await self._request(call, Velocity(linear, lateral, angular), duration)
 
     fastest = Velocity(limits.linear, limits.lateral, limits.angular)
@@ -179,7 +197,9 @@ def _drive(limits: DriveLimits) -> Any:
         others = [each for each in offered.parameters.values() if each.name != "lateral"]
         drive.__signature__ = offered.replace(parameters=others)  # type: ignore[attr-defined]
     stop_s = limits.braking_s(fastest) + _STOP_MARGIN_S
-    return action(moves=[BASE], duration_s=MOST_S + stop_s, stop_s=stop_s, takes_over=True)(drive)
+    return action(moves=[BASE], duration_s=MOST_S + stop_s, stop_s=stop_s, takes_over=True, stream=StreamLimits())(
+        drive
+    )
 
 
 _Duration = Annotated[float, unit("SEC"), Meta(ge=0, le=MOST_S, title="How long the velocities hold")]

@@ -12,7 +12,13 @@ from linked_fleet_agent.components.occurrences import Occurrences
 from linked_fleet_agent.components.operations import MAX_RUNNING, Operations
 from linked_fleet_agent.components.readings import Readings
 from linked_fleet_agent.components.schemas import DeclarationError
-from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Operate, read_declarations, read_value
+from linked_fleet_agent.wire.components import (
+    MAX_INPUT_BYTES,
+    MAX_SAMPLE_BYTES,
+    Operate,
+    read_declarations,
+    read_value,
+)
 from linked_fleet_agent.wire.messages import Refused
 
 _log = logging.getLogger(__name__)
@@ -97,6 +103,8 @@ class Host:
         if task is None:
             named = f"{operate.component} has no {word} {operate.action or operate.property!r}"
             return _refused(operate, f"{named}; it has {', '.join(tasks) or 'none'}")
+        if operate.stream is True and task.declared.stream is None:
+            return _refused(operate, f"{operate.component}.{operate.action or operate.property} takes no stream")
         return task
 
     def input_of(self, operate: Operate, task: Task) -> dict[str, Any] | Refused:
@@ -124,6 +132,25 @@ class Host:
         except msgspec.ValidationError as error:
             return _input(operate, str(error))
         return {name: getattr(given, name) for name in given.__struct_fields__}
+
+    def reader_of(self, task: Task) -> Callable[[bytes], dict[str, Any] | None]:
+        """Return the function that reads inputs of a stream, and returns None for one that violates the schema."""
+        schema, given = task.declared.input, task.input
+        assert schema is not None
+        assert given is not None
+        decoder = msgspec.json.Decoder(given)
+
+        def read(payload: bytes) -> dict[str, Any] | None:
+            value, said = read_value(schema, payload, MAX_SAMPLE_BYTES)
+            if said or value is None:
+                return None
+            try:
+                found = decoder.decode(payload)
+            except msgspec.ValidationError:
+                return None
+            return {name: getattr(found, name) for name in found.__struct_fields__}
+
+        return read
 
     def busy(self, operate: Operate) -> Refused | None:
         """Return the refusal of a request that there is no room for, or None."""

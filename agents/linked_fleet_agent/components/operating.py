@@ -10,9 +10,10 @@ from typing import Any
 from linked_fleet_agent import safety
 from linked_fleet_agent.components.declaration import Task
 from linked_fleet_agent.components.host import Host
+from linked_fleet_agent.components.input_stream import InputStream
 from linked_fleet_agent.components.turns import Turn, Turns
 from linked_fleet_agent.motion import Motions, Outcome
-from linked_fleet_agent.wire.components import BASE, Operate
+from linked_fleet_agent.wire.components import BASE, Operate, Sample
 from linked_fleet_agent.wire.messages import Accepted, Refused, Reply, Stop
 
 PATIENCE_S = 1.0
@@ -109,11 +110,24 @@ class Operating:
 
         def begin() -> list[Outcome]:
             self._motions.setpoints.release(joints)
-            self._operations.begin(operate.id, name, task, given, self._now_s)
+            self._operations.begin(operate.id, name, task, given, self._now_s, self._stream(operate, task))
             return []
 
         self.begin_when_free(operate.id, moves, begin, joints, replaced)
         return Accepted(operate.id, 0.0, preempted, self._monotonic_ns())
+
+    def _stream(self, operate: Operate, task: Task) -> InputStream | None:
+        """Return the stream of an action that is opened as one."""
+        if operate.stream is not True or task.declared.stream is None:
+            return None
+        return InputStream(task.declared.stream, self._host.reader_of(task), self._monotonic_ns())
+
+    def hear(self, sample: Sample) -> None:
+        """Take a sample of a stream. One of an action that has ended, or was told to, is ignored."""
+        stream = self._operations.stream_of(sample.id) if sample.incarnation == self._incarnation else None
+        if stream is not None:
+            stream.offer(sample, self._monotonic_ns())
+            self._operations.note_sample(sample.id)
 
     def give_way(self, successor: str, moves: Collection[str], replaced: Collection[str] = ()) -> list[Outcome]:
         """Preempt the actions that move one of these, and what waits to; ``successor`` takes over ``replaced``."""

@@ -7,6 +7,7 @@ monotonic seconds and are passed in.
 
 import asyncio
 import logging
+import math
 import threading
 from collections.abc import Awaitable, Callable, Container, Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -16,6 +17,7 @@ import msgspec
 
 from linked_fleet_agent.components.call import Call, CancelledActionError
 from linked_fleet_agent.components.declaration import Task
+from linked_fleet_agent.components.input_stream import InputStream
 from linked_fleet_agent.motion import Outcome, State
 from linked_fleet_agent.wire.components import BASE, MAX_FEEDBACK_BYTES, MAX_RESULT_BYTES, read_value
 from linked_fleet_agent.wire.schema import Schema
@@ -43,6 +45,7 @@ class _Operation:
     overdue_s: float | None = None
     """When one that was told to end is overdue."""
     cancel: Callable[[bool], None] = field(default=lambda replaced: None)
+    stream: InputStream | None = None
 
     @property
     def moves(self) -> frozenset[str]:
@@ -54,7 +57,8 @@ class _Operation:
 
     def outcome(self, state: State, reason: str = "", successor: str = "", result: bytes | None = None) -> Outcome:
         progress = 1.0 if state == "succeeded" else self.progress
-        return Outcome(self.id, state, self.joints, reason[:1024], progress, successor, self.feedback, result)
+        counts = None if self.stream is None else self.stream.counts
+        return Outcome(self.id, state, self.joints, reason[:1024], progress, successor, self.feedback, result, counts)
 
 
 class Operations:
@@ -73,15 +77,24 @@ class Operations:
         """True if nothing runs, and all ends have been returned."""
         return not (self._running or self._outcomes)
 
-    def begin(self, id: str, name: str, task: Task, given: Mapping[str, Any], now_s: float) -> None:
+    def begin(
+        self,
+        id: str,
+        name: str,
+        task: Task,
+        given: Mapping[str, Any],
+        now_s: float,
+        stream: InputStream | None = None,
+    ) -> None:
         """Begin an action; ``name`` is that of its component and its own, ``given`` its input by parameter."""
-        operation = _Operation(id, name, task, now_s + task.declared.duration_s)
+        until_s = now_s + task.declared.duration_s if stream is None else math.inf
+        operation = _Operation(id, name, task, until_s, stream=stream)
         loop = asyncio.get_running_loop()
 
         def report(progress: float | None, reason: str, feedback: bytes | None) -> None:
             loop.call_soon_threadsafe(self._note, operation, progress, reason, feedback)
 
-        call = Call[Any](id, report)
+        call = Call[Any](id, report, stream)
         arguments = {**given, "call": call} if task.takes_call else dict(given)
         self._running[id] = operation
         self._outcomes.append(operation.outcome("running"))
@@ -96,6 +109,11 @@ class Operations:
         watching = loop.create_task(self._watch(operation, running), name=f"operation {id}")
         self._tasks.add(watching)
         watching.add_done_callback(self._tasks.discard)
+
+    def stream_of(self, id: str) -> InputStream | None:
+        """Return the stream of a running action that has not been told to end."""
+        operation = self._running.get(id)
+        return None if operation is None or operation.ending is not None else operation.stream
 
     def giving_over(self, name: str) -> list[str]:
         """Return the ids of the runs of an action that have not been told to end."""
@@ -158,8 +176,21 @@ class Operations:
             if now_s > operation.deadline_s and operation.ending is None:
                 limit_s = operation.task.declared.duration_s
                 self.end([operation.id], "failed", f"it did not end within the {limit_s:g} s that it may take", now_s)
+            if operation.stream is not None and operation.ending is None:
+                self._step_stream(operation, operation.stream, now_s)
         outcomes, self._outcomes = [*self._outcomes, *self._feedback(now_s)], []
         return outcomes
+
+    def _step_stream(self, operation: _Operation, stream: InputStream, now_s: float) -> None:
+        before = stream.counts
+        if ended := stream.step(round(now_s * 1e9)):
+            self.end([operation.id], "failed", ended, now_s)
+        operation.news = operation.news or stream.counts is not before
+
+    def note_sample(self, id: str) -> None:
+        """Let the counts of a stream be published."""
+        if (operation := self._running.get(id)) is not None:
+            operation.news = True
 
     def _feedback(self, now_s: float) -> Iterator[Outcome]:
         for operation in self._running.values():

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import msgspec
 
-from linked_fleet_agent.wire.components import DescriptionWithComponents, Occurrence, Operate, Values
+from linked_fleet_agent.wire.components import DescriptionWithComponents, Occurrence, Operate, Sample, Values
 from linked_fleet_agent.wire.messages import (
     COMPONENTS_VERSION,
     WIRE_VERSION,
@@ -37,10 +37,10 @@ _HEADER = struct.Struct(_HEADER_FORMAT)
 _BASE_VALUES = 13
 _ROWS = ("positions", "velocities", "efforts")
 
-Message = Description | Command | Stop | Progress | Condition | PictureQuery | Values | Operate | Occurrence
+Message = Description | Command | Stop | Progress | Condition | PictureQuery | Values | Operate | Occurrence | Sample
 _M = TypeVar(
     "_M", DescriptionWithComponents, Description, Command, Stop, Progress, Condition, PictureQuery, Values, Operate,
-    Occurrence,
+    Occurrence, Sample,
 )  # fmt: skip
 _T = TypeVar("_T")
 
@@ -185,7 +185,7 @@ def decode(payload: bytes, kind: type[_M]) -> _M:
     """Decode a JSON message. The version is checked first and raises VersionError; other faults raise WireError."""
     try:
         version = _decoder(_Versioned).decode(payload).version
-        check_version(version, COMPONENTS_VERSION if kind in (Values, Operate, Occurrence) else WIRE_VERSION)
+        check_version(version, COMPONENTS_VERSION if kind in (Values, Operate, Occurrence, Sample) else WIRE_VERSION)
         return _decoder(kind).decode(payload)
     except msgspec.MsgspecError as error:
         raise WireError(str(error)) from error

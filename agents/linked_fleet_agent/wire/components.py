@@ -19,6 +19,7 @@ from linked_fleet_agent.wire.declaration import Action as Action
 from linked_fleet_agent.wire.declaration import Component as Component
 from linked_fleet_agent.wire.declaration import Event as Event
 from linked_fleet_agent.wire.declaration import Property as Property
+from linked_fleet_agent.wire.declaration import StreamLimits as StreamLimits
 from linked_fleet_agent.wire.kinds import kind_problem
 from linked_fleet_agent.wire.messages import COMPONENTS_VERSION as COMPONENTS_VERSION
 from linked_fleet_agent.wire.messages import Description, Identifier, Name, Progress, Unsigned
@@ -27,6 +28,8 @@ from linked_fleet_agent.wire.schema import Schema, schema_problem, value_problem
 MAX_DECLARATIONS_BYTES = MAX_RESULT_BYTES = MAX_VALUES_BYTES = 256 * 1024
 MAX_VALUE_BYTES = MAX_FEEDBACK_BYTES = MAX_EVENT_BYTES = 16_384
 MAX_INPUT_BYTES, MAX_SENTENCE = 65_536, 1024
+MAX_SAMPLE_BYTES = 4096
+"""The longest message with a sample."""
 
 
 class Measured(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -57,7 +60,8 @@ class Values(Struct, frozen=True, kw_only=True):
 class Operate(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A request to carry out an action of a component, or to set a property to ``input``.
 
-    Lateness, run, id and rehearsal are those of a command.
+    Lateness, run, id and rehearsal are those of a command. ``stream`` opens the action as a stream: samples with its
+    ``id`` are further inputs.
     """
 
     version: int
@@ -70,6 +74,22 @@ class Operate(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     property: Annotated[str, Meta(max_length=128)] = ""
     input: Raw = Raw(b"null")
     rehearsal: bool = False
+    stream: bool | UnsetType = UNSET
+
+
+class Sample(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A further input of the action that was opened as a stream with ``id``.
+
+    ``number`` grows with each sample of the stream. ``seen_ns`` is the monotonic time of the agent that whoever gives
+    the input saw last.
+    """
+
+    version: int
+    id: Identifier
+    incarnation: Unsigned
+    number: Unsigned
+    seen_ns: Unsigned
+    input: Raw
 
 
 class Occurrence(Struct, frozen=True, kw_only=True):
@@ -152,6 +172,8 @@ def declaration_problem(component: Component, links: Collection[str], joints: Co
             return f"action {name!r} moves {unknown[0]!r}, which is neither a joint of the robot nor {BASE!r}"
         if action.input is not None and action.input.type != "object":
             return f"the input of action {name!r} has the type {action.input.type!r}; it must be an object"
+        if action.stream is not None and (action.input is None or action.input.required):
+            return f"action {name!r} takes a stream, so it needs an input without required members"
     return kind_problem(component)
 
 

@@ -22,11 +22,24 @@ class Property(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, om
     writable: bool = False
 
 
+class StreamLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """How old the samples of a stream may be, and what their absence means.
+
+    A sample is dropped if the robot time that its sender saw last is older than ``age_s``. Without a sample that could
+    be used for ``silence_s`` the action comes to rest and goes on; without any sample for ``end_s`` it ends.
+    """
+
+    age_s: Annotated[float, Meta(gt=0, le=5)] = 0.15
+    silence_s: Annotated[float, Meta(gt=0, le=5)] = 0.2
+    end_s: Annotated[float, Meta(gt=0, le=60)] = 2.0
+
+
 class Action(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """An action of a component.
 
     ``moves`` names joints or ``base``; an action that moves something is a motion. ``duration_s`` is how long it may
     take, ``stop_s`` how long it may go on after it was cancelled. One that ``rehearses`` can be asked what it would do.
+    One with a ``stream`` can also be opened as a stream, whose samples are further inputs.
     """
 
     title: Title = ""
@@ -39,6 +52,7 @@ class Action(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit
     duration_s: Duration = 60.0
     stop_s: Annotated[float, Meta(gt=0, le=30)] = 1.0
     rehearses: bool = False
+    stream: StreamLimits | None = None
 
 
 class Event(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):

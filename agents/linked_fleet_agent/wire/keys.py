@@ -47,13 +47,14 @@ def unescape(segment: str, reserved: Container[str] = ()) -> str:
 
 
 RobotKind = Literal[
-    "description", "state", "command", "stop", "progress", "condition", "mesh", "picture", "values", "operate", "event"
-]
+    "description", "state", "command", "stop", "progress", "condition", "mesh", "picture", "values", "operate",
+    "event", "sample",
+]  # fmt: skip
 Kind = Literal[RobotKind, "presence"]
 
 _NAMESPACE = re.compile(r"[A-Za-z0-9_.-]+(/[A-Za-z0-9_.-]+)*")
 _ROBOT_KEY = re.compile(
-    r"robot/([^/*$?#]+)/(description|state|command|stop|progress|condition|mesh|picture|values|operate|event|presence)(?:/(0|[1-9][0-9]{0,18}))?"
+    r"robot/([^/*$?#]+)/(description|state|command|stop|progress|condition|mesh|picture|values|operate|event|sample|presence)(?:/(0|[1-9][0-9]{0,18}))?"
 )
 _GATEWAY_KEY = re.compile(r"gateway/([^/*$?#]+)(?:/heartbeat)?")
 
@@ -124,6 +125,10 @@ class Keys:
     @property
     def all_events(self) -> str:
         return self.all_of_kind("event")
+
+    @property
+    def all_samples(self) -> str:
+        return self.all_of_kind("sample")
 
     @property
     def all_stops(self) -> str:

@@ -230,11 +230,24 @@ class Condition(Struct, frozen=True, kw_only=True):
     sensors: Annotated[dict[Name, Annotated[str, Meta(max_length=512)]], Meta(max_length=MAX_SENSOR_FAULTS)] = {}
 
 
+class StreamCounts(Struct, frozen=True, kw_only=True):
+    """What became of the samples of a stream: applied, or dropped because they were ``late``, out of order, of the
+    future or invalid. ``silent``: none could be used for so long that the action has come to rest, or does.
+    """
+
+    applied: Unsigned = 0
+    late: Unsigned = 0
+    reordered: Unsigned = 0
+    future: Unsigned = 0
+    invalid: Unsigned = 0
+    silent: bool = False
+
+
 class Progress(Struct, frozen=True, kw_only=True):
     """State of an accepted command; ``positions`` are the measured positions of its joints at ``wall_ns``.
 
     ``progress`` is the completed share, ``successor`` the command that preempted this one. ``feedback`` and ``result``
-    are those of an action of a component.
+    are those of an action of a component, ``stream`` counts the samples of one that was opened as a stream.
     """
 
     version: int
@@ -248,3 +261,4 @@ class Progress(Struct, frozen=True, kw_only=True):
     successor: Annotated[str, Meta(max_length=64)] = ""
     feedback: Raw | UnsetType = UNSET
     result: Raw | UnsetType = UNSET
+    stream: StreamCounts | UnsetType = UNSET

@@ -144,12 +144,15 @@ def router_access_control(keys: Keys, agents: Mapping[str, Iterable[str] | None]
     access.grant("gateways see", [GATEWAY], "ingress", _WATCHING, [keys.all_presence])
     access.grant("gateways are", [GATEWAY], "ingress", ["liveliness_token"], [keys.all_gateways])
     access.grant("gateways beat", [GATEWAY], "ingress", ["put"], [keys.all_heartbeats])
+    access.grant("gateways drive", [GATEWAY], "ingress", ["put"], [keys.all_samples])
     access.grant("agents see", names, "ingress", _WATCHING, [keys.all_gateways])
     access.grant("agents hear", names, "ingress", ["declare_subscriber"], [keys.all_heartbeats])
     for agent, robots in agents.items():
         own = [keys.all_of_robot(robot) for robot in robots] if robots is not None else [keys.all_of_robots]
         name = common_name(agent)
         access.grant(f"agent {name}", [name], "ingress", (*_PUBLISHING, "liveliness_query"), own)
+        heard = [keys.robot(robot, "sample") for robot in robots] if robots is not None else [keys.all_samples]
+        access.grant(f"agent {name} hears", [name], "ingress", ["declare_subscriber"], heard)
     return access.value
 
 

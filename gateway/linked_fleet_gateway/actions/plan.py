@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
-from msgspec import Raw, Struct, json
+from msgspec import UNSET, Raw, Struct, json
 from msgspec.structs import replace
 from pyoxigraph import NamedNode
 
@@ -33,7 +33,7 @@ class Act(Struct, frozen=True):
     """A request to a component of a robot: an action, or a property to set.
 
     ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion. ``drive`` is what
-    a base does by it, if that is known.
+    a base does by it, if that is known. ``stream`` opens an action as a stream.
     """
 
     component: str
@@ -41,6 +41,7 @@ class Act(Struct, frozen=True):
     action: str = ""
     property: str = ""
     moves: tuple[str, ...] = ()
+    stream: bool = False
     drive: Drive | None = None
 
     def slowed(self, share: float) -> "Act":
@@ -119,6 +120,7 @@ def build_command(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: boo
             property=act.property,
             input=Raw(act.input),
             rehearsal=rehearsal,
+            stream=True if act.stream else UNSET,
         )
     return Command(
         version=WIRE_VERSION,

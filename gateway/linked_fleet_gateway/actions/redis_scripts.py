@@ -126,7 +126,8 @@ end
 
 ANYBODY = "anybody"  # stands for a token and matches any lease
 
-# Returns a lease as id, holder, time taken, expiry, duration and time left, in milliseconds; false without one.
+# Returns a lease as id, holder, time taken, expiry, duration and time left, in milliseconds, and priority; false
+# without one.
 # Gateways read each lease several times a second. The time since the last read counts as 2.5 s at most and never
 # negative: a larger difference means that the clock was set, or that no gateway was present, and moves the expiry. If
 # writing fails, a later read moves it.
@@ -153,8 +154,8 @@ local function lease(key)
     redis.pcall('DEL', key)
     return false, {}
   end
-  local held = redis.call('HMGET', key, 'token', 'id', 'holder', 'taken_ms', 'expires_ms', 'duration_ms')
-  return held[1], {held[2], held[3], held[4], held[5], held[6], tostring(left)}
+  local held = redis.call('HMGET', key, 'token', 'id', 'holder', 'taken_ms', 'expires_ms', 'duration_ms', 'priority')
+  return held[1], {held[2], held[3], held[4], held[5], held[6], tostring(left), held[7] or 'program'}
 end
 local function refused(key, token, tied)
   local owner, held = lease(key)
@@ -249,15 +250,18 @@ if day and tonumber(day) < tonumber(ARGV[2]) then redis.call('ZREM', KEYS[1], AR
 return 1
 """
 
-# KEYS: lease; ARGV: token, id and token of a new lease, holder, milliseconds. Returns the lease, taken or renewed.
+# KEYS: lease; ARGV: token, id and token of a new lease, holder, milliseconds, priority or nothing. Returns the lease,
+# taken or renewed. A person takes it from a program. A renewal without a priority keeps the one that the lease has.
 TAKE = (
     _LEASE
     + """
 local refusal = refused(KEYS[1], ARGV[1], '')
-if refusal then return refusal end
+if refusal and not (ARGV[6] == 'person' and refusal[8] == 'program') then return refusal end
+if refusal then redis.call('DEL', KEYS[1]) end
 if redis.call('EXISTS', KEYS[1]) == 0 then
   redis.call('HSET', KEYS[1], 'id', ARGV[2], 'token', ARGV[3], 'holder', ARGV[4], 'taken_ms', now)
 end
+if ARGV[6] ~= '' then redis.call('HSET', KEYS[1], 'priority', ARGV[6]) end
 redis.call('HSET', KEYS[1], 'duration_ms', ARGV[5], 'expires_ms', now + ARGV[5], 'seen_ms', now)
 redis.call('PEXPIREAT', KEYS[1], now + ARGV[5] + 86400000)
 local _, held = lease(KEYS[1])

@@ -122,8 +122,9 @@ def translate_store_errors() -> Iterator[None]:
     except LeaseHeld as error:
         lease = error.lease
         until = datetime.fromtimestamp(lease.expires_ns / 1e9, UTC).isoformat(timespec="seconds")
+        as_whom = ", as a person" if lease.priority == "person" else ""
         raise Controlled(
-            f"{lease.holder} controls {lease.robot} until {until}; only stopping is open to everybody.",
+            f"{lease.holder} controls {lease.robot} until {until}{as_whom}; only stopping is open to everybody.",
             holder=lease.holder,
             expires=until,
         ) from error

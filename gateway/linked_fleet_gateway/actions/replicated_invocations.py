@@ -14,7 +14,7 @@ from linked_fleet_gateway.actions.refusals import translate_store_errors
 from linked_fleet_gateway.actions.stop_delivery import StopDelivery
 from linked_fleet_gateway.actions.store import ActionStore, News
 from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.fleet.invocation import Lease
+from linked_fleet_gateway.fleet.invocation import Lease, Priority
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import invocation_path
@@ -210,14 +210,16 @@ class ReplicatedInvocations:
 
     # -- leases and settings ----------------------------------------------------------------------------------------
 
-    async def take_lease(self, robot: Robot, holder: str, duration_s: float, token: str) -> tuple[Lease, str]:
+    async def take_lease(
+        self, robot: Robot, holder: str, duration_s: float, token: str, priority: Priority | None
+    ) -> tuple[Lease, str]:
         """Take or renew control of a robot. Return the lease and its secret token.
 
         Raises Controlled, RedisUnavailable.
         """
         read_at_s = time.monotonic()
         with translate_store_errors():
-            lease, proof = await self._store.take_lease(robot.name, holder, duration_s, token)
+            lease, proof = await self._store.take_lease(robot.name, holder, duration_s, token, priority)
         self.update_lease(robot.name, lease, read_at_s)
         return lease, proof
 

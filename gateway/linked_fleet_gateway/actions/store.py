@@ -20,7 +20,7 @@ import msgspec
 from linked_fleet_gateway.actions import redis_scripts as scripts
 from linked_fleet_gateway.actions.owed_stop_table import OwedStopTable
 from linked_fleet_gateway.actions.redis_scripts import Keys, robot_from_tag, robot_tag, text_hash
-from linked_fleet_gateway.fleet.invocation import Lease
+from linked_fleet_gateway.fleet.invocation import Lease, Priority
 from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
 from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.runtime.redis import GATHER_S, Connection, eval_command, raise_pending_cancellation
@@ -200,14 +200,17 @@ class ActionStore:
 
     # Leases
 
-    async def take_lease(self, robot: str, holder: str, duration_s: float, token: str = "") -> tuple[Lease, str]:
+    async def take_lease(
+        self, robot: str, holder: str, duration_s: float, token: str = "", priority: Priority | None = None
+    ) -> tuple[Lease, str]:
         """Take the lease of a robot, or renew it with its token. Return the lease and its token.
 
-        A free lease is taken with a new token, whatever token was given. Raises LeaseHeld. After RedisUnavailable a
+        A free lease is taken with a new token, whatever token was given, and so is a program's with the ``priority`` of
+        a person. Raises LeaseHeld. After RedisUnavailable a
         lease may exist whose token nobody knows, until it expires.
         """
         id, new_token = str(uuid.uuid4()), uuid.uuid4().urn
-        arguments = (_secret(token), id, _secret(new_token), holder, _ms(duration_s))
+        arguments = (_secret(token), id, _secret(new_token), holder, _ms(duration_s), priority or "")
         answer = await self._redis.run_script(scripts.TAKE, (self._keys.lease(robot),), *arguments)
         lease = _lease(robot, _granted(robot, answer)[1:])
         self._tell("lease", robot, lease.id)
@@ -350,9 +353,11 @@ def _granted(robot: str, answer: list[bytes], lease: str = "") -> list[bytes]:
 
 
 def _lease(robot: str, fields: Sequence[bytes]) -> Lease:
-    id, holder, *numbers = (field.decode() for field in fields)
+    id, holder, *numbers, said = (field.decode() for field in fields)
     taken_ms, expires_ms, duration_ms, left_ms = map(int, numbers)
-    return Lease(id, robot, holder, taken_ms * _MS, expires_ms * _MS, duration_ms / 1000, max(0, left_ms) / 1000)
+    left_s = max(0, left_ms) / 1000
+    priority: Priority = "person" if said == "person" else "program"
+    return Lease(id, robot, holder, taken_ms * _MS, expires_ms * _MS, duration_ms / 1000, left_s, priority)
 
 
 def _read(robot: str, body: bytes) -> Invocation | None:

@@ -3,8 +3,13 @@
 import re
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
+from typing import Literal
 
+from linked_fleet_agent.wire.messages import StreamCounts
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
+
+Priority = Literal["program", "person"]
+"""The priority of a control lease: a person may take it from a program."""
 
 
 @dataclass(frozen=True)
@@ -21,6 +26,7 @@ class Lease:
     expires_ns: int
     duration_s: float
     left_s: float = field(default=0.0, compare=False)
+    priority: Priority = "program"
 
 
 FLEET = ""  # stands for the robot of an invocation of the whole fleet
@@ -70,7 +76,7 @@ class Invocation:
     carries it out, with ``output`` (N-Triples about ``_:output``) as its result, until it ends or somebody asks to
     cancel it, for the reason ``cancelling``. ``moves`` is what an action of a component moves, joints or ``base``;
     ``feedback`` is the last one that it gave and ``outcome`` its result, both in JSON. ``limited`` says why it is
-    slower than asked for.
+    slower than asked for. ``stream`` counts the samples of one that was opened as a stream.
 
     ``robots`` has the answer of each robot to an invocation of the fleet: a word, which is a state or ``refused``,
     optionally followed by details, as in ``failed: the joint is blocked``. Any other word means that the robot has not
@@ -109,6 +115,7 @@ class Invocation:
     feedback: str = ""
     outcome: str = ""
     limited: str = ""
+    stream: StreamCounts | None = None
 
     @property
     def is_motion(self) -> bool:
@@ -139,6 +146,7 @@ def merge_copies(held: Invocation, found: Invocation) -> Invocation:
         started_ns=base.started_ns or other.started_ns,
         preempts=base.preempts or other.preempts,
         feedback=base.feedback or other.feedback,
+        stream=base.stream or other.stream,
         deadline_ns=max(base.deadline_ns, other.deadline_ns),
         cancelling=base.cancelling or other.cancelling,
     )

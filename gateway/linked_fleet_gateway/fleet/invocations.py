@@ -357,6 +357,8 @@ def _advance(invocation: Invocation, progress: Progress) -> None:
     invocation.preempted_by = progress.successor or invocation.preempted_by
     if progress.feedback is not UNSET:
         invocation.feedback = bytes(progress.feedback).decode()
+    if progress.stream is not UNSET:
+        invocation.stream = progress.stream
     if progress.result is not UNSET:
         invocation.outcome = bytes(progress.result).decode()
 

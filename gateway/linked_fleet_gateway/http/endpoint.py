@@ -259,7 +259,9 @@ class Endpoint:
     async def _open(self, websocket: WebSocket, resource: Resource) -> None:
         for value in (resource.remote, resource.affords):
             handler = self._websocket_handlers.get(type(value))
-            if handler is not None:
+            if handler is not None and handler.serves(value):
+                if value is not resource.remote and resource.affords is not None:
+                    require_right(websocket, resource.path, resource.affords.needs)
                 await serve_subprotocol(websocket, resource, handler, value)
                 return
         await open_websocket(websocket, resource)

@@ -29,6 +29,7 @@ from linked_fleet_gateway.base.errors import (
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
 from linked_fleet_gateway.http.fields import Prefer, field, parse_prefer
+from linked_fleet_gateway.http.lease_tokens import lock_token
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.representation import Representation
@@ -62,7 +63,6 @@ MAX_BODY_BYTES = 256 * 1024
 MAX_TRIPLES = 5_000
 _TARGET = Terms({LF.value: Terms()})
 _KEY = re.compile(r'"([\x20\x21\x23-\x5b\x5d-\x7e]{1,255})"|([!-~]{1,255})')
-_TOKEN = re.compile(r"<(urn:uuid:[0-9a-f-]{36})>|(urn:uuid:[0-9a-f-]{36})")
 
 
 async def invoke(request: Request, affordance: Invoke) -> Response:
@@ -140,17 +140,6 @@ def _trace(offer: Offer, end: str) -> None:
     trace.set_route(f"{thing}/{end}")
     if offer.robot is not None:
         trace.set_attributes({"robot": offer.robot.name})
-
-
-def lock_token(request: Request) -> str:
-    """Return the ``Lock-Token`` of a control lease (RFC 4918, 10.5); empty without one."""
-    said = request.arrival.fields.get(b"lock-token")
-    if said is None:
-        return ""
-    match = _TOKEN.fullmatch(said.decode("latin-1").strip())
-    if match is None:
-        raise BadRequest("Lock-Token is what the control lease came with, such as <urn:uuid:...>.")
-    return match[1] or match[2]
 
 
 def _key(request: Request) -> str:

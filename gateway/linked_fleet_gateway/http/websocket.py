@@ -7,8 +7,8 @@ no ping is disconnected, and while messages of a client wait nothing more is rea
 
 import asyncio
 import struct
-from collections.abc import Awaitable, Callable
-from contextlib import AbstractContextManager, nullcontext
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import AbstractAsyncContextManager, AbstractContextManager, asynccontextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -39,6 +39,8 @@ _CODES = {
     Ending.SHUTDOWN: 1012,
 }
 
+MAX_REASON_BYTES = 123
+"""The longest reason of a close frame (RFC 6455, 5.5)."""
 _FIN = 0x80
 _MEDIUM, _LONG = struct.Struct("!BBH"), struct.Struct("!BBQ")
 
@@ -147,6 +149,11 @@ class SubprotocolConnection:
         self._protocol.close(CloseCode.POLICY_VIOLATION, ending.value)
         self._room.set()
 
+    def close_with(self, code: int, reason: str) -> None:
+        """Close the connection with a code of RFC 6455, 7.4, and a sentence, of which 123 bytes are sent."""
+        self._protocol.close(code, reason.encode()[:MAX_REASON_BYTES].decode(errors="ignore"))
+        self._room.set()
+
     def end(self) -> None:
         """Close the connection if it is open, and wake tasks that wait for room."""
         self._protocol.close(CloseCode.INTERNAL_ERROR, "the gateway failed")
@@ -164,12 +171,17 @@ class WebSocketHandler:
     """Serves WebSockets in ``subprotocols``.
 
     ``handle`` also gets the ``remote`` or ``affords`` of the resource, and returns, or raises ConnectionEnded, when the
-    connection has ended. ``max_message_bytes`` is the longest message of a client.
+    connection has ended. ``max_message_bytes`` is the longest message of a client. ``serves`` says if it is for this
+    one of the resources whose ``remote`` or ``affords`` have the type. ``open`` is entered before the handshake, and
+    left after the connection; the errors that it raises are answered by HTTP, and ``handle`` gets what it yields. It
+    reports the request.
     """
 
     subprotocols: tuple[str, ...]
     handle: Callable[[SubprotocolConnection, Any], Awaitable[None]]
     max_message_bytes: int = 64 * 1024
+    serves: Callable[[Any], bool] = lambda value: True
+    open: Callable[[WebSocket, Any], AbstractAsyncContextManager[Any]] | None = None
 
 
 async def serve_subprotocol(websocket: WebSocket, resource: Resource, handler: WebSocketHandler, value: object) -> None:
@@ -178,18 +190,27 @@ async def serve_subprotocol(websocket: WebSocket, resource: Resource, handler: W
     if not named:
         raise NotAcceptable(f"Name a subprotocol: {', '.join(handler.subprotocols)}.", offered=())
     protocol: WebSocketProtocol = websocket.scope["extensions"][WEBSOCKET]
-    protocol.accept_messages(handler.max_message_bytes)
+    async with (handler.open or _reported)(websocket, value) as opened:
+        protocol.accept_messages(handler.max_message_bytes)
+        connection = SubprotocolConnection(websocket, protocol, named[0])
+        try:
+            await websocket.accept(named[0])
+            protocol.writer.begin_stream()
+            with _guarded(websocket, resource, connection):
+                await handler.handle(connection, opened)
+        except (ConnectionEnded, OSError):
+            pass
+        finally:
+            connection.end()
+
+
+@asynccontextmanager
+async def _reported(websocket: WebSocket, value: Any) -> AsyncIterator[Any]:
+    """Report the connection as a subscription."""
     websocket.report("subscribe", 101)
-    connection = SubprotocolConnection(websocket, protocol, named[0])
     try:
-        await websocket.accept(named[0])
-        protocol.writer.begin_stream()
-        with _guarded(websocket, resource, connection):
-            await handler.handle(connection, value)
-    except (ConnectionEnded, OSError):
-        pass
+        yield value
     finally:
-        connection.end()
         websocket.report("unsubscribe", None)
 
 

@@ -22,18 +22,21 @@ from linked_fleet_gateway.base import contributions
 from linked_fleet_gateway.base.errors import (
     BadRequest,
     Conflict,
+    InsufficientScope,
     NotAcceptable,
     NotFound,
     UnprocessableContent,
     UnsupportedMediaType,
 )
+from linked_fleet_gateway.fleet.invocation import Priority
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.fields import field, parameters, split
-from linked_fleet_gateway.http.invoke import lock_token
+from linked_fleet_gateway.http.lease_tokens import lock_token
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
+from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.validation import ground_statements, refuse_statements
@@ -130,7 +133,13 @@ async def control_lease(request: Request, affordance: Control) -> Response:
     body = await convert_body(request, read)
     holder, duration_s = body.text(body.root, LF.holder), body.number(body.root, LF.leaseDuration)
     assert holder is not None and duration_s is not None
-    _, proof = await shared.take_lease(robot, holder, duration_s, token)
+    said = body.text(body.root, LF.priority)
+    priority: Priority | None = None if said is None else "person" if said == "person" else "program"
+    if priority == "person" and not request.caller.has_right(Right.PERSON, robot.name):
+        raise InsufficientScope(
+            "The priority of a person needs the right of one; without it, leave the priority out.", scope=Right.PERSON
+        )
+    _, proof = await shared.take_lease(robot, holder, duration_s, token, priority)
     return Response(status_code=204, headers={"lock-token": f"<{proof}>", "cache-control": "no-store"})
 
 

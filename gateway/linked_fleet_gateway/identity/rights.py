@@ -15,6 +15,7 @@ class Right(StrEnum):
     SUBSCRIBE = "subscribe"
     STOP = "stop"
     ACT = "act"
+    PERSON = "person"
     RESET = "reset"
     ADMIN = "admin"
 

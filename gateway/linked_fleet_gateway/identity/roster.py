@@ -15,7 +15,7 @@ import msgspec.toml
 
 from linked_fleet_gateway.identity.rights import EVERY, Claims, Credential, Grant, Identity, Right, TokenHash
 
-_ScopeName = Literal["read", "subscribe", "stop", "act", "reset", "admin"]
+_ScopeName = Literal["read", "subscribe", "stop", "act", "person", "reset", "admin"]
 _NAME = re.compile(r"[A-Za-z0-9._-]{1,64}")  # without "@", which separates subject and issuer in names
 _DIGEST = re.compile(r"[0-9a-f]{64}")
 _MOST_BYTES = 4 * 1024 * 1024

@@ -10,7 +10,7 @@ from collections.abc import Awaitable, Callable, Collection, Iterable
 from typing import Literal, Self, TypeVar
 
 from linked_fleet_agent.wire.codec import encode
-from linked_fleet_agent.wire.components import Operate
+from linked_fleet_agent.wire.components import Operate, Sample
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import (
     Accepted,
@@ -188,6 +188,19 @@ class FleetLink:
                 raise NoAnswer(reasons[-1])
         await self._session.keep_route(key)
         return reply
+
+    async def prepare_samples(self, robot: str) -> None:
+        """Cache the route of the samples of a robot."""
+        await self._session.keep_route(self._keys.robot(robot, "sample"))
+
+    def send_sample(self, robot: str, sample: Sample) -> bool:
+        """Send a sample of a stream, which congestion drops. Return False if the session does not take it."""
+        try:
+            self._session.put_newest(self._keys.robot(robot, "sample"), encode(sample))
+        except TransportError as error:
+            _log.info("robot %s: a sample is dropped: %s", robot, error)
+            return False
+        return True
 
     async def stop(
         self,

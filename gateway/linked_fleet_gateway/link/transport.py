@@ -106,6 +106,13 @@ class Session(Protocol):
         """
         ...
 
+    def put_newest(self, key: str, payload: bytes) -> None:
+        """Publish what a newer message replaces: without blocking, and dropped under congestion.
+
+        Only such messages have this priority. Raises TransportError.
+        """
+        ...
+
     async def ask(self, question: Question, hear: Callable[[Answer | None], None]) -> float:
         """Send a query and return the processor time that this took, in seconds.
 

@@ -197,6 +197,19 @@ class ZenohSession:
 
         return send
 
+    def put_newest(self, key: str, payload: bytes) -> None:
+        # As for heartbeats, the queue of this priority is its own, so that what waits in others delays nothing.
+        try:
+            self._session.put(
+                self._routes.get(key, key),
+                payload,
+                congestion_control=zenoh.CongestionControl.DROP,
+                priority=zenoh.Priority.INTERACTIVE_LOW,
+                express=True,
+            )
+        except zenoh.ZError as error:
+            raise TransportError(str(error)) from error
+
     async def ask(self, question: Question, hear: Callable[[Answer | None], None]) -> float:
         def hand_over(answer: Answer | None) -> None:
             with contextlib.suppress(RuntimeError):  # the loop was closed while the query was running

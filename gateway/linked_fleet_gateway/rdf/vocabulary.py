@@ -118,7 +118,7 @@ LF = Namespace(
     " preempts preemptedBy limitedBecause positionResidual orientationResidual answer ofRobot currentTask"
     " lastMoved moving modelName batteryCharge InvocationList"
     # predicates: control and settings
-    " lease holder expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
+    " lease holder priority expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages
     " depth minimumInterval deadband secret signed deliveryState lastDelivery lastStatus failures"
     " version previousVersion eventId"

@@ -178,6 +178,11 @@ class Offer:
         return ""
 
     @property
+    def stream_protocol(self) -> str:
+        """The subprotocol of a WebSocket that opens it as a stream of inputs; empty if it takes none."""
+        return ""
+
+    @property
     def body_is_optional(self) -> bool:
         """True if it also runs without a body."""
         return False

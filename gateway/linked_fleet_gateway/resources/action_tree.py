@@ -67,7 +67,7 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
     )
     resource = add_plain_json(resource, LF.InvocationShape, base)
     part = None if robot is None else part_of(robot, invocation)
-    if part is None or not (invocation.outcome or invocation.feedback):
+    if part is None or not (invocation.outcome or invocation.feedback or invocation.stream):
         return resource
     write = resource.documents[JSON]
 
@@ -90,6 +90,7 @@ def _facts(invocation: Invocation) -> tuple[object, ...]:
         invocation.unchecked,
         invocation.feedback,
         invocation.outcome,
+        invocation.stream,
     )
 
 

@@ -281,5 +281,6 @@ def describe_lease(graph: Graph, base: str, robot: Robot) -> None:
     if lease is not None:
         graph.add(iri, DCTERMS.identifier, Literal(lease.id))
         graph.add(iri, LF.holder, Literal(lease.holder))
+        graph.add(iri, LF.priority, Literal(lease.priority))
         graph.add(iri, LF.leaseDuration, number(lease.duration_s))
         graph.add(iri, LF.expires, timestamp(lease.expires_ns))

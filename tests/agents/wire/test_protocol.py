@@ -7,6 +7,7 @@ import struct
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
+import msgspec
 import pytest
 
 from linked_fleet_agent.long_replies import HELD_S
@@ -26,6 +27,7 @@ KINDS: dict[str, Any] = {
     "values": components.Values,
     "operate": components.Operate,
     "event": components.Occurrence,
+    "sample": components.Sample,
 }
 
 
@@ -143,6 +145,13 @@ def test_the_examples_of_the_escape_are_true() -> None:
         assert unescape(chunk) == name
 
 
+def test_the_limits_and_counts_of_streams_are_those_of_the_code() -> None:
+    limits = {member: float(default) for member, default, _ in table("member of `stream`", "default", "meaning")}
+    assert limits == msgspec.structs.asdict(components.StreamLimits())
+    counts = {count for count, *_ in table("count", "the sample", "then")}
+    assert counts == set(messages.StreamCounts.__struct_fields__) - {"silent"}
+
+
 def test_the_page_is_of_the_version_that_is_spoken() -> None:
     assert f"\nVersion {messages.COMPONENTS_VERSION}. " in PAGE
 
@@ -167,6 +176,7 @@ def test_the_bounds_are_those_of_the_code() -> None:
         components.MAX_ACTIONS,
         components.MAX_DECLARATIONS_BYTES,
         components.MAX_INPUT_BYTES,
+        components.MAX_SAMPLE_BYTES,
         components.MAX_VALUE_BYTES,
         schema.MAX_DEPTH,
         schema.MAX_MEMBERS,

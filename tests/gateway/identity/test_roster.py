@@ -167,7 +167,7 @@ def test_a_name_of_an_issuer_is_none_of_a_token() -> None:
         (_TOKEN.replace('"read"', '"reed"'), "reed"),
         (
             _TOKEN.replace('["read"]', "[]"),
-            "token a needs at least one of the scopes read, subscribe, stop, act, reset, admin",
+            "token a needs at least one of the scopes read, subscribe, stop, act, person, reset, admin",
         ),
         (_TOKEN.replace(_DIGEST, _DIGEST.upper()), "sha256"),
         (_TOKEN.replace('"a"', '"a@b"'), "a@b"),

@@ -122,6 +122,28 @@ def test_cancelling_needs_stop_and_deleting_needs_act(here: AuthenticatedGateway
         assert actor.http.delete(invocation).status_code == 204
 
 
+def test_only_who_has_the_right_of_a_person_takes_control_as_one(here: AuthenticatedGateway, root: Browser) -> None:
+    """A program with the right to act cannot claim to be a person."""
+    here.add("Ann", "read", "act", "person")
+    lease = str(live(root, SEEN).one(LF.lease))
+
+    def take(browser: Browser, priority: str) -> httpx.Response:
+        said = f'{_PREFIXES}<> lf:holder "h" ; lf:leaseDuration 60 ; lf:priority "{priority}" .'
+        return browser.http.put(lease, content=said, headers={"content-type": "text/turtle"})
+
+    with here.browsing("actor") as program, here.browsing("Ann") as person:
+        eventually(lambda: person.http.get(lease).status_code == 200, "the identity")
+        eventually(lambda: take(program, "program").status_code == 204, "control")
+        refused = take(program, "person")
+        assert refused.status_code == 403
+        assert 'scope="person"' in refused.headers["www-authenticate"]
+        taken = take(person, "person")
+        assert taken.status_code == 204
+        assert take(program, "program").status_code == 409
+        proof = {"lock-token": taken.headers["lock-token"]}
+        assert person.http.delete(lease, headers=proof).status_code == 204
+
+
 def test_websockets_need_the_right_to_subscribe(here: AuthenticatedGateway, root: Browser) -> None:
     url = root.part(SEEN, _JOINT).url
     assert refused(url).status_code == 401

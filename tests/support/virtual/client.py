@@ -245,7 +245,7 @@ class WebSocket:
         receive_bytes: int = 64 * 1024,
     ) -> None:
         uri = parse_uri(url)
-        subprotocols = None if subprotocol is None else [Subprotocol(subprotocol)]
+        subprotocols = None if subprotocol is None else [Subprotocol(each) for each in subprotocol.split(", ")]
         self._protocol = ClientProtocol(uri, subprotocols=subprotocols, max_size=None)
         self._connection = Connection.open(loop, uri.host, uri.port, PATIENCE_S, receive_bytes=receive_bytes)
         request = self._protocol.connect()
@@ -264,6 +264,12 @@ class WebSocket:
     def response(self) -> Response:
         assert self._response is not None
         return self._response
+
+    @property
+    def close_reason(self) -> tuple[int, str] | None:
+        """Code and reason of the server's close frame, if it has come."""
+        said = self._protocol.close_rcvd
+        return None if said is None else (said.code, said.reason)
 
     @property
     def subprotocol(self) -> str | None:

@@ -92,6 +92,9 @@ class AgentSession(Session):
     def subscribe(self, key: str, hear: Callable[[str], None]) -> Declaration:
         return self.declare("subscriber", key, lambda key, payload: hear(key))
 
+    def subscribe_payloads(self, key: str, limit: int, hear: Callable[[bytes], None]) -> Declaration:
+        return self.declare("subscriber", key, lambda key, payload: hear(payload) if len(payload) <= limit else None)
+
     def subscribe_tokens(self, key: str, hear: Callable[[str, bool], None]) -> Declaration:
         return self.declare("token subscriber", key, hear)
 

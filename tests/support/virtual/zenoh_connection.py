@@ -9,7 +9,7 @@ from functools import partial
 from random import Random
 from typing import Literal, NamedTuple, Protocol
 
-Priority = Literal["control", "heartbeat", "real time", "data", "background"]
+Priority = Literal["control", "heartbeat", "newest", "real time", "data", "background"]
 """``control`` is for declarations, which have their own queue as in Zenoh."""
 
 WAITING_BYTES = 1_000_000

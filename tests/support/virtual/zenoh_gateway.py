@@ -66,6 +66,9 @@ class GatewaySession(Session):
     def declare_heartbeat(self, key: str) -> Callable[[], None]:
         return lambda: self.publish(key, b"", "heartbeat", droppable=True)
 
+    def put_newest(self, key: str, payload: bytes) -> None:
+        self.publish(key, payload, "newest", droppable=True)
+
     async def ask(self, question: Question, hear: Callable[[Answer | None], None]) -> float:
         self.check()
         asked = _Asked(question, hear, set(connections := self.peers("queryable", question.key)))

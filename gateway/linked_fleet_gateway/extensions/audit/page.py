@@ -71,6 +71,8 @@ _DONE = {
     "DELETE": "delete",
     "subscribe": "subscribe to",
     "unsubscribe": "end a subscription to",
+    "stream": "open a stream to",
+    "end stream": "end a stream to",
 }
 
 

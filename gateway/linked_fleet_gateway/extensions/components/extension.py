@@ -26,7 +26,9 @@ from linked_fleet_gateway.api import (
 )
 from linked_fleet_gateway.extensions.components.part import ComponentPart
 from linked_fleet_gateway.extensions.components.receipt import Receipt
+from linked_fleet_gateway.extensions.components.streams import Streams
 from linked_fleet_gateway.extensions.components.terms import LF
+from linked_fleet_gateway.faces import Invoke
 from linked_fleet_gateway.rdf.vocabulary import OWL
 
 log = logging.getLogger(__name__)
@@ -70,7 +72,7 @@ class ComponentsExtension(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        receipt = Receipt(core)
+        receipt, streams = Receipt(core), Streams(core)
 
         async def sweep() -> None:
             await asyncio.sleep(_SWEEP_S)
@@ -81,7 +83,9 @@ class ComponentsExtension(Extension):
             try:
                 yield Mount(
                     branches=(RobotBranch(SEGMENT, LF.vocabulary, _resolve, lambda robot: bool(_components(robot))),),
+                    websocket_handlers={Invoke: streams.handler},
                 )
             finally:
+                await streams.close()
                 await cancel_tasks([task])
                 await receipt.close()

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Action
+from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Action, StreamLimits
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.base.lazy_imports import LazyModule
@@ -77,6 +77,11 @@ class ComponentOffer(Offer):
     def declared(self) -> Action | None:
         return self.part.declared.actions.get(self.of_action)
 
+    @property
+    def stream_protocol(self) -> str:
+        declared = self.declared
+        return "" if declared is None or declared.stream is None else "lf.drive"
+
     def input(self, base: str) -> Input:
         """Return what its body must be."""
         compiled = self.part.compiled(base)
@@ -94,6 +99,7 @@ class ComponentOffer(Offer):
             graph.add(iri, LF.moves, *self.part.moved(self.of_action, base))
             graph.scalar(iri, LF.duration, declared.duration_s, SECOND)
             graph.scalar(iri, LF.stopTime, declared.stop_s, SECOND)
+            _describe_stream(graph, iri, self.stream_protocol, declared.stream)
 
     def describe_result(self, graph: Graph, base: str, thing: str, title: Literal) -> None:
         """Describe the invocation with its feedback and its result, by the names of their JSON form."""
@@ -167,6 +173,15 @@ class ComponentOffer(Offer):
             )
         refuse_statements(taken.unused(triples, focus), iri)
         return InputBody(triples, focus, value)
+
+
+def _describe_stream(graph: Graph, iri: NamedNode, protocol: str, stream: StreamLimits | None) -> None:
+    """Say that an action can be opened as a stream, and what its samples must keep."""
+    if stream is not None:
+        graph.add(iri, LF.streamProtocol, Literal(protocol))
+        graph.scalar(iri, LF.ageLimit, stream.age_s, SECOND)
+        graph.scalar(iri, LF.silenceLimit, stream.silence_s, SECOND)
+        graph.scalar(iri, LF.endsAfter, stream.end_s, SECOND)
 
 
 def segment_of(name: str) -> str:

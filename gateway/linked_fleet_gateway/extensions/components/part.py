@@ -27,7 +27,7 @@ from linked_fleet_gateway.faces import Json, Offer, PartCopier, Property, joint_
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import HERTZ, SECOND, Graph
+from linked_fleet_gateway.rdf.graph import HERTZ, SECOND, Graph, integer
 from linked_fleet_gateway.rdf.vocabulary import RDF, RDFS, SOSA
 
 _RESERVED = ("actions", "blueprint", "linkset", "subscriptions")
@@ -36,6 +36,7 @@ _EVENT_MARK = "~event"
 _BATTERY = LF.extended("Battery").Battery.value
 _JSON = RDF.extended("JSON").JSON
 _BASES = 16
+_COUNTS = ("applied", "late", "reordered", "future", "invalid")
 
 
 class ComponentPart:
@@ -180,6 +181,11 @@ class ComponentPart:
 
     def describe_outcome(self, graph: Graph, iri: NamedNode, base: str, invocation: Invocation) -> None:
         """Add the feedback and the result of an invocation of one of its actions."""
+        if (counts := invocation.stream) is not None:
+            node = graph.blank()
+            graph.add(iri, LF.samples, node)
+            for name in _COUNTS:
+                graph.add(node, getattr(LF, name), integer(getattr(counts, name)))
         for predicate, said, value in self._outcomes(invocation):
             node = graph.blank()
             graph.add(iri, predicate, node)
@@ -194,7 +200,8 @@ class ComponentPart:
 
     def outcome_json(self, invocation: Invocation) -> Mapping[str, Any]:
         """Return the feedback and the result of an invocation in JSON, by name."""
-        return {"output" if said == "result" else said: value for _, said, value in self._outcomes(invocation)}
+        found = {"output" if said == "result" else said: value for _, said, value in self._outcomes(invocation)}
+        return found if invocation.stream is None else found | {"samples": msgspec.structs.asdict(invocation.stream)}
 
     def _outcomes(self, invocation: Invocation) -> list[tuple[NamedNode, str, Any]]:
         stored = ((LF.feedback, "feedback", invocation.feedback), (LF.output, "result", invocation.outcome))

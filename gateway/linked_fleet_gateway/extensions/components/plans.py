@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import msgspec
+from msgspec.structs import replace
 
 from linked_fleet_agent.planar import DriveLimits, Velocity
 from linked_fleet_gateway.api import ActionRequest, Motion
@@ -25,9 +26,16 @@ def plan(offer: ComponentOffer, request: ActionRequest) -> Motion:
         offer.of_action,
         offer.of_property,
         () if declared is None else declared.moves,
-        drive_of(offer.part, value) if offer.of_action == "drive" else None,
+        drive=drive_of(offer.part, value) if offer.of_action == "drive" else None,
     )
     return Motion(request.required_robot(), act, {}, request.required_time())
+
+
+def stream(offer: ComponentOffer, request: ActionRequest) -> Motion:
+    """Return the motion that opens an action as a stream. It ends with the control lease, if somebody has that."""
+    robot, motion = request.required_robot(), plan(offer, request)
+    assert isinstance(motion.motion, Act)
+    return replace(motion, motion=replace(motion.motion, stream=True), tied_to_lease=robot.lease is not None)
 
 
 def drive_of(part: ComponentPart, given: Mapping[str, Any]) -> Drive | None:

@@ -4,5 +4,6 @@ from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
 LF = CORE.extended(
     "Component ComponentShape ComponentAction ComponentProperty ComponentEvent publishedAt unknownAfter moves"
-    " stopTime occurrences feedback"
+    " stopTime occurrences feedback streamProtocol ageLimit silenceLimit endsAfter samples applied late reordered"
+    " future invalid"
 )

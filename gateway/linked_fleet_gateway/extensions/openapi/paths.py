@@ -105,9 +105,16 @@ def _invoke(method: str, name: str, parameters: Parameters, offers: Sequence[Off
         invocation_responses(name, parameters),
         None if body is None else {JSON: body},
         [pick, *map(header_ref, fields)],
-        description=offer.definition.comment,
+        description=_described(offers),
         body_is_optional=any(map(may_lack_body, offers)),
     )
+
+
+def _described(offers: Sequence[Offer]) -> str:
+    """Return the comment of an action, and how it is opened as a stream, which OpenAPI has no words for."""
+    protocols = {each.stream_protocol for each in offers if each.stream_protocol}
+    streams = [f" A WebSocket on this path with the subprotocol {each} opens it as a stream." for each in protocols]
+    return offers[0].definition.comment + "".join(streams)
 
 
 _MOST_NAMED = 8

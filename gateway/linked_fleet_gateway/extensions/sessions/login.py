@@ -252,6 +252,7 @@ _MEANINGS = {
     Right.SUBSCRIBE: "follow changes, write rules and have messages sent",
     Right.STOP: "stop robots",
     Right.ACT: "have robots move, and take control of them",
+    Right.PERSON: "take control from programs",
     Right.ADMIN: "change settings, see what others did",
 }
 

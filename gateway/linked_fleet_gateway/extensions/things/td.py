@@ -173,9 +173,18 @@ class Thing:
                 },
                 {"href": one + "?as=json", "op": "queryaction", "contentType": JSON, "htv:methodName": "GET"},
                 {"href": one + "/actions/cancel", "op": "cancelaction", "contentType": JSON, "htv:methodName": "POST"},
+                *_stream_forms(href, offer),
             ],
         }
         return said | ({"input": form_of_input(offer, self.base).schema} if offer.takes_body else {})
+
+
+def _stream_forms(href: str, offer: Offer) -> list[Json]:
+    """Return the form of an action that can be opened as a stream: a WebSocket, which is both."""
+    if not (protocol := offer.stream_protocol):
+        return []
+    url = href.replace("http", "ws", 1)
+    return [{"href": url, "op": "invokeaction", "contentType": JSON, "subprotocol": protocol}]
 
 
 def types_of(part: Joint | Link | RobotPart) -> Sequence[NamedNode]:
