@@ -49,7 +49,7 @@ def put_object(browser: Browser, body: str) -> str:
 
 def met(answer: httpx.Response) -> list[str]:
     assert problem(answer) == (409, "collision"), answer.text
-    assert 0 <= answer.json()["share"] < 1
+    assert 0 <= answer.json()["share"] <= 1
     things: list[str] = answer.json()["things"]
     assert len(answer.json()["names"]) == len(things)
     assert len(answer.json()["point"]) == 3

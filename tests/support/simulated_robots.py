@@ -81,6 +81,7 @@ class SimulatedRobot:
             on_mesh=agent.mesh,
             on_operate=agent.handle_operate,
             on_values=agent.values,
+            on_sample=agent.handle_sample,
         ) as link:
             while not end.is_set():
                 with self._lock:

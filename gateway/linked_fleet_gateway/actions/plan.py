@@ -56,7 +56,8 @@ class Motion(Struct, frozen=True):
 
     ``targets`` are the final positions (rad or m), ``speed_scale`` the share of the robot's speed, ``expectations``
     required positions at the start. A motion that is ``tied_to_lease`` stops when the lease ends. ``facts`` are further
-    values to report, by name (SI). ``computing_ns`` is the time that the plan took.
+    values to report, by name (SI). ``computing_ns`` is the time that the plan took. It begins before
+    ``until_ns`` of the robot's clock, if that is not 0.
     """
 
     robot: Robot
@@ -68,6 +69,7 @@ class Motion(Struct, frozen=True):
     tied_to_lease: bool = False
     facts: Mapping[str, float] = {}
     computing_ns: int = 0
+    until_ns: int = 0
 
     @property
     def moves(self) -> bool:
@@ -108,6 +110,8 @@ def build_command(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: boo
     The time that the plan took does not count, nor ``waited_ns``, the time spent in collision checks.
     """
     time_to_live_ns = min(TIME_TO_LIVE_NS + motion.computing_ns + waited_ns, MAX_TIME_TO_LIVE_NS)
+    if motion.until_ns and not rehearsal:
+        time_to_live_ns = max(motion.until_ns - motion.requested_at.seen_ns, 1)
     if isinstance(act := motion.motion, Act):
         return Operate(
             version=COMPONENTS_VERSION,

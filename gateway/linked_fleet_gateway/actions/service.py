@@ -213,7 +213,8 @@ class Actions:
         if slowest is not None:
             motion = slowed(motion, slowest.speed_share)
             invocation.facts, invocation.limited = dict(motion.facts), slowest.limited
-        return motion, self._stalls.elapsed_ns(began_ns)
+        until_ns = max((each.until_ns for each in found.values()), default=0)
+        return replace_struct(motion, until_ns=until_ns), self._stalls.elapsed_ns(began_ns)
 
     def _check_stops(self, invocation: Invocation) -> None:
         """Check, right before a motion is sent, that it overtakes no stop that was asked for meanwhile."""
@@ -246,6 +247,14 @@ class Actions:
             for guard in self._guards
             if motion.moves
         }
+
+    async def guarded(self, motion: Motion, caller: Caller, own_id: str) -> tuple[Motion, str]:
+        """Return what the guards let a sample of the open invocation ``own_id`` be, and why it is slower, if it is.
+
+        Raises MotionRefused.
+        """
+        slowest = _slowest(await self._findings(motion, caller, own_id))
+        return (motion, "") if slowest is None else (slowed(motion, slowest.speed_share), slowest.limited)
 
     def plan(self, request: ActionRequest, offer: Offer) -> Plan:
         """Let the handler of an offered action create its plan. Raises the handler's errors."""

@@ -22,13 +22,14 @@ class Finding(Struct, frozen=True):
     """The result of the check of a path: ``free`` is False if it is unknown.
 
     ``unchecked`` are the links that the check did not cover, each after its path. The path is free for a drive at a
-    ``speed_share`` of its speed, for the reason ``limited``.
+    ``speed_share`` of its speed, for the reason ``limited``, if that begins before ``until_ns`` of the robot's clock.
     """
 
     free: bool
     unchecked: tuple[tuple[str, UncheckedLink], ...] = ()
     speed_share: float = 1.0
     limited: str = ""
+    until_ns: int = 0
 
 
 def in_words(links: Iterable[UncheckedLink]) -> str:

@@ -26,7 +26,7 @@ def plan(offer: ComponentOffer, request: ActionRequest) -> Motion:
         offer.of_action,
         offer.of_property,
         () if declared is None else declared.moves,
-        drive=drive_of(offer.part, value) if offer.of_action == "drive" else None,
+        drive=drive_of(offer.part, offer.of_action, value),
     )
     return Motion(request.required_robot(), act, {}, request.required_time())
 
@@ -38,10 +38,14 @@ def stream(offer: ComponentOffer, request: ActionRequest) -> Motion:
     return replace(motion, motion=replace(motion.motion, stream=True), tied_to_lease=robot.lease is not None)
 
 
-def drive_of(part: ComponentPart, given: Mapping[str, Any]) -> Drive | None:
-    """Return what a base does with the input of its action drive; None if it does not say how it brakes."""
-    most = part.state.value("driveLimits") if part.declared.semantic_type == _BASE else None
-    declared = part.declared.actions["drive"].input
+def drive_of(part: ComponentPart, action: str, given: Mapping[str, Any]) -> Drive | None:
+    """Return what a base does with an input of its action drive.
+
+    None for another action, and if the base does not say how it brakes.
+    """
+    is_drive = action == "drive" and part.declared.semantic_type == _BASE
+    most = part.state.value("driveLimits") if is_drive else None
+    declared = part.declared.actions[action].input if is_drive else None
     if most is None or declared is None:
         return None
     defaults = {name: each.default for name, each in declared.properties.items()}

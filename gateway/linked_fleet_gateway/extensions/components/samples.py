@@ -1,7 +1,7 @@
 """The messages of a stream: samples that a client sends, and what it is told about the robot."""
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any
 
 import msgspec
@@ -43,16 +43,21 @@ class Said(Struct, frozen=True, forbid_unknown_fields=True):
     input: Raw
 
 
+Guard = Callable[[Raw], Awaitable[Raw]]
+"""Returns the input of a sample as the guards of motions let it be."""
 _DECODER = msgspec.json.Decoder(Said)
 
 
 class Samples:
     """The samples of one stream. Times are seconds of the event loop's clock."""
 
-    def __init__(self, offer: "ComponentOffer", invocation: Invocation, send: Callable[[Sample], bool]) -> None:
+    def __init__(
+        self, offer: "ComponentOffer", invocation: Invocation, send: Callable[[Sample], bool], guard: Guard
+    ) -> None:
         assert offer.declared is not None
         assert offer.declared.input is not None
-        self._schema, self._invocation, self._send = offer.declared.input, invocation, send
+        self._schema, self._invocation, self._send, self._guard = offer.declared.input, invocation, send, guard
+        self._checking: asyncio.Task[None] | None = None
         self._number = 0
         self._credit, self._counted_s = BURST, 0.0
         self._next: Said | None = None
@@ -67,7 +72,7 @@ class Samples:
         said = self._read(message)
         self.superseded += self._next is not None
         self._next = said
-        if self._timer is None:
+        if self._timer is None and self._checking is None:
             wait_s = self._sent_s + LEAST_APART_S - now_s
             if wait_s <= 0:
                 self._flush(now_s)
@@ -78,18 +83,31 @@ class Samples:
         """Send nothing more."""
         if self._timer is not None:
             self._timer.cancel()
+        if self._checking is not None:
+            self._checking.cancel()
         self._next = None
 
     def _flush(self, now_s: float) -> None:
         said, self._next, self._timer, self._sent_s = self._next, None, None, now_s
         if said is None or self._invocation.state.terminal:
             return
+        self._checking = asyncio.create_task(self._check(said), name=f"check a sample of {self._invocation.id}")
+
+    async def _check(self, said: Said) -> None:
+        """Send a sample on as the guard lets it be, and then the newest one that has come meanwhile."""
+        try:
+            self._pass_on(said.seen, await self._guard(said.input))
+        finally:
+            self._checking = None
+        self._flush(asyncio.get_running_loop().time())
+
+    def _pass_on(self, seen_s: float, given: Raw) -> None:
         self._number += 1
-        seen_ns = round(said.seen * 1e6) * _US
+        seen_ns = round(seen_s * 1e6) * _US
         self._send(
             Sample(
                 version=COMPONENTS_VERSION, id=self._invocation.id, incarnation=self._invocation.incarnation,
-                number=self._number, seen_ns=seen_ns, input=said.input,
+                number=self._number, seen_ns=seen_ns, input=given,
             )
         )  # fmt: skip
 
@@ -117,6 +135,7 @@ class Reports:
         self, part: "ComponentPart", robot: Robot, invocation: Invocation, samples: Samples, base: str
     ) -> None:
         self._part, self._robot, self._invocation, self._samples = part, robot, invocation, samples
+        self.limited, self.speed_share = "", 1.0
         self._iri = base + invocation_path(invocation)
         self._told: Mapping[str, Any] = {}
         self._before: dict[str, Any] | None = None
@@ -155,6 +174,8 @@ class Reports:
             "applied": counts.applied,
             "dropped": dropped | {"superseded": self._samples.superseded},
             "silent": counts.silent,
+            "speedScale": round(self.speed_share, 2),
+            "limitedBecause": self.limited,
             "reason": invocation.reason,
         }
 

@@ -9,6 +9,8 @@ from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from typing import Any
 
+from msgspec import Raw, json
+from msgspec.structs import replace
 from websockets.frames import CloseCode, Opcode
 
 from linked_fleet_gateway.api import (
@@ -23,11 +25,12 @@ from linked_fleet_gateway.api import (
     WebSocketHandler,
     cancel_tasks,
 )
+from linked_fleet_gateway.base.errors import MotionRefused
 from linked_fleet_gateway.extensions.components import plans
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer, InputBody
 from linked_fleet_gateway.extensions.components.samples import PERIOD_S, Reports, Samples, Unusable
 from linked_fleet_gateway.faces import Invoke, invocation_path
-from linked_fleet_gateway.serving import frame, robot_time, websocket_caller
+from linked_fleet_gateway.serving import Act, Caller, frame, robot_time, websocket_caller
 
 log = logging.getLogger(__name__)
 
@@ -44,13 +47,33 @@ def takes_stream(affords: Any) -> bool:
 class OpenStream:
     """A stream that its agent has accepted, as one invocation."""
 
-    def __init__(self, core: Core, offer: ComponentOffer, motion: Motion, invocation: Invocation, base: str) -> None:
+    def __init__(
+        self, core: Core, offer: ComponentOffer, motion: Motion, invocation: Invocation, caller: Caller, base: str
+    ) -> None:
+        self._actions, self._caller, self._motion, self._part = core.actions, caller, motion, offer.part
         self.robot, self.invocation, self.lease = motion.robot, invocation, invocation.lease
         self.reason = _LEFT
         """Why the gateway ends it."""
         link, name = core.live.link, motion.robot.name
-        self.samples = Samples(offer, invocation, lambda sample: link.send_sample(name, sample))
+        self.samples = Samples(offer, invocation, lambda sample: link.send_sample(name, sample), self._guard)
         self._reports = Reports(offer.part, motion.robot, invocation, self.samples, base)
+
+    async def _guard(self, given: Raw) -> Raw:
+        """Return the velocities of a sample at the speed at which the way is free until they hold no more."""
+        act, reports = self._motion.motion, self._reports
+        assert isinstance(act, Act)
+        drive = plans.drive_of(self._part, act.action, json.decode(given))
+        if drive is None:
+            return given
+        try:
+            motion = replace(self._motion, motion=replace(act, input=bytes(given), drive=drive))
+            motion, reports.limited = await self._actions.guarded(motion, self._caller, self.invocation.id)
+        except MotionRefused as error:
+            reports.limited, reports.speed_share = error.reason, 0.0
+            return Raw(json.encode(json.decode(given) | dict.fromkeys(drive.input, 0.0)))
+        reports.speed_share = motion.facts.get("speedShare", 1.0)
+        assert isinstance(motion.motion, Act)
+        return Raw(motion.motion.input)
 
     async def listen(self, connection: SubprotocolConnection) -> None:
         """Send the samples of the client on until the connection ends. Raises ConnectionEnded."""
@@ -107,7 +130,7 @@ class Streams:
         motion = plans.stream(offer, request)
         await self._core.live.link.prepare_samples(motion.robot.name)
         invocation = await self._core.actions.start(offer.path, motion, caller)
-        stream = OpenStream(self._core, offer, motion, invocation, base)
+        stream = OpenStream(self._core, offer, motion, invocation, caller, base)
         websocket.report("stream", 101, invocation_path(invocation))
         try:
             yield stream

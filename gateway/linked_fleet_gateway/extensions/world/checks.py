@@ -25,12 +25,13 @@ from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
-from linked_fleet_gateway.extensions.world.driving import Driving, drives, velocity_of
+from linked_fleet_gateway.extensions.world.driving import Driving, drives, valid_until_ns, velocity_of
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
     CheckFailed,
     CollisionFound,
+    DrivenWay,
     Free,
     MotionPath,
     PathSegment,
@@ -38,6 +39,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Positions,
     UncheckedNear,
 )
+from linked_fleet_gateway.extensions.world.path import paths_along
 from linked_fleet_gateway.extensions.world.placement import (
     LF,
     accepts_unchecked,
@@ -45,7 +47,7 @@ from linked_fleet_gateway.extensions.world.placement import (
     placement_of,
     pose_in_world,
 )
-from linked_fleet_gateway.extensions.world.plane import AT_REST, legs_of
+from linked_fleet_gateway.extensions.world.plane import AT_REST
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
@@ -64,24 +66,6 @@ MOST_CONFIGURATIONS = 24
 def paths_of(motion: Move | Follow, start: Positions, elsewhere: Mapping[str, float]) -> tuple[MotionPath, ...]:
     """Return the paths from ``start``; ``elsewhere`` are the targets of joints in other motions."""
     return paths_along(_legs(motion, start), start, elsewhere)
-
-
-def paths_along(
-    legs: tuple[PathSegment, ...], start: Positions, elsewhere: Mapping[str, float]
-) -> tuple[MotionPath, ...]:
-    """Return the paths along ``legs``, whose last one names all joints that move."""
-    own = legs[-1].ends
-    meanwhile = {name: end for name, end in elsewhere.items() if name not in own and name in start}
-    ways = (MotionPath(start, legs),)
-    if not meanwhile:
-        return ways
-    along = tuple(_beside(leg, (i + 1) / len(legs), start, meanwhile) for i, leg in enumerate(legs))
-    return (*ways, MotionPath(start | meanwhile, legs), MotionPath(start, along))
-
-
-def _beside(leg: PathSegment, share: float, start: Positions, meanwhile: Mapping[str, float]) -> PathSegment:
-    there = {name: start[name] + share * (end - start[name]) for name, end in meanwhile.items()}
-    return PathSegment(leg.ends | there)
 
 
 def sampled_configurations(start: Positions, ends: Mapping[str, float]) -> tuple[Positions, ...]:
@@ -237,7 +221,8 @@ class Checks:
         limited, share = "", 1.0
         for attempt in range(_MOST_SPEEDS):
             slower = drive.slowed(share)
-            question = self._along(robot, legs_of(slower.way(velocity_of(robot))), robots, sees, own)
+            until_ns = valid_until_ns(robot)
+            question = self._driven(robot, slower, robots, sees, own)
             answer = await self._checker.ask(question, _ANSWER_S)
             if not isinstance(answer, CollisionFound):
                 break
@@ -248,7 +233,7 @@ class Checks:
         found = self._finding(robot, answer)
         if own:
             self._driving.begin(robot, slower)
-        return replace(found, speed_share=share, limited=limited)
+        return replace(found, speed_share=share, limited=limited, until_ns=until_ns)
 
     def _collision(self, robot: Robot, answer: CollisionFound) -> Collides:
         assert robot.model is not None  # of a prepared robot
@@ -328,9 +313,10 @@ class Checks:
         paths = paths_of(motion.motion, start, self._underway(robot, own))
         return self._checking(robot, paths, robots, sees)
 
-    def _along(self, robot: Robot, legs: tuple[PathSegment, ...], robots: list[Robot], sees: View, own: str) -> Check:
-        paths = paths_along(legs, _positions(robot), self._underway(robot, own))
-        return self._checking(robot, paths, robots, sees)
+    def _driven(self, robot: Robot, drive: Drive, robots: list[Robot], sees: View, own: str) -> Check:
+        now, before = velocity_of(robot), self._driving.wanted(robot)
+        driven = DrivenWay(drive, now, before, _positions(robot), self._underway(robot, own))
+        return replace(self._checking(robot, (), robots, sees), driven=driven)
 
     def _checking(self, robot: Robot, paths: tuple[MotionPath, ...], robots: list[Robot], sees: View) -> Check:
         return Check(

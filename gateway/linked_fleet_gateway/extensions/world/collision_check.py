@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import coal
 import numpy as np
 import numpy.typing as npt
+from msgspec.structs import replace
 
 from linked_fleet_gateway.extensions.world.coverage import Coverage
 from linked_fleet_gateway.extensions.world.messages import (
@@ -37,6 +38,7 @@ from linked_fleet_gateway.extensions.world.path import (
     joint_changes,
     path_of,
 )
+from linked_fleet_gateway.extensions.world.plane import driven_paths
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
 from linked_fleet_gateway.extensions.world.surroundings import (
@@ -88,6 +90,8 @@ def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.
         missing = [each.key for each in (asked.robot, *asked.robots) if each.key not in robots]
         if missing or any(each.key not in objects for each in asked.objects):
             raise UnknownPosition("something of it has to be prepared again")
+        if asked.driven is not None:
+            asked = replace(asked, paths=(*asked.paths, *driven_paths(asked.driven)))
         robot = robots[asked.robot.key]
         robot = robot.reaching(configurations(robot, asked.paths))
         coverage = Coverage(asked, robot, robots)

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from linked_fleet_agent.planar import STANDING, Pose, Velocity
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.plane import positions_of
-from linked_fleet_gateway.fleet.driving import Drive
+from linked_fleet_gateway.fleet.driving import REACTION_S, Drive
 from linked_fleet_gateway.fleet.robot import Robot
 
 COAST_S = 1.0
@@ -33,6 +33,12 @@ def velocity_of(robot: Robot) -> Velocity:
     return Velocity(forward * cosine + left * sine, left * cosine - forward * sine, base.angular_rad_s[2])
 
 
+def valid_until_ns(robot: Robot) -> int:
+    """Return until when a way that is found free now may be begun, by the robot's clock."""
+    assert robot.frame is not None
+    return robot.frame.monotonic_ns + round(REACTION_S * 1e9)
+
+
 class Driving:
     """The drives that this gateway has let begin."""
 
@@ -44,6 +50,11 @@ class Driving:
         lasts_s = drive.duration_s + drive.limits.braking_s(drive.velocity) + _MARGIN_S
         self._begun[robot.name] = drive, self._now_s() + lasts_s
 
+    def wanted(self, robot: Robot) -> Velocity | None:
+        """Return the velocity that the latest of these drives wants; None if there is none now."""
+        drive, until_s = self._begun.get(robot.name, (None, 0.0))
+        return None if drive is None or self._now_s() >= until_s else drive.velocity
+
     def ends(self, robot: Robot) -> Positions:
         """Return where the base may be when it stands, as positions of the joints that carry it; nothing if it stands.
 
@@ -53,7 +64,7 @@ class Driving:
             return {}
         now, (drive, until_s) = velocity_of(robot), self._begun.get(robot.name, (None, 0.0))
         if drive is not None and self._now_s() < until_s:
-            return positions_of(drive.way(now)[-1])
+            return positions_of(drive.ways(now)[-1][-1])
         self._begun.pop(robot.name, None)
         linear, lateral, angular = now
         if math.hypot(linear, lateral) < _STILL_M_S and abs(angular) < _STILL_RAD_S:

@@ -4,7 +4,9 @@ from typing import Literal
 
 from msgspec import Struct
 
+from linked_fleet_agent.planar import Velocity
 from linked_fleet_gateway.extensions.world.scene import Geometry
+from linked_fleet_gateway.fleet.driving import Drive
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.fleet.xml import Vector
@@ -74,8 +76,23 @@ class MotionPath(Struct, frozen=True):
     legs: tuple[PathSegment, ...]
 
 
+class DrivenWay(Struct, frozen=True):
+    """The ways of a base that moves like ``now`` and may move like ``before`` (``Drive.ways``).
+
+    ``start`` are the positions of the joints of the robot, ``elsewhere`` the targets of those in other motions.
+    """
+
+    drive: Drive
+    now: Velocity
+    before: Velocity | None
+    start: Positions
+    elsewhere: Positions
+
+
 class Check(Struct, frozen=True, tag="check"):
-    """Request to check if the robot collides on any of the ``paths``. It is now at the start of the first.
+    """Request to check if the robot collides on any of the ``paths``, or where it is ``driven``.
+
+    It is now at the start of the first path.
 
     The answer takes at most ``within_s`` seconds of processor time.
     """
@@ -85,6 +102,7 @@ class Check(Struct, frozen=True, tag="check"):
     robots: tuple[Placement, ...]
     objects: tuple[Placement, ...]
     within_s: float
+    driven: DrivenWay | None = None
 
 
 class Ready(Struct, frozen=True, tag="ready"):

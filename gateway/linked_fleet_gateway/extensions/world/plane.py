@@ -1,9 +1,11 @@
 """Robots that drive, as the check of motions sees them: on three more joints, which are zero where the base is now."""
 
+from collections.abc import Iterator
 from xml.etree.ElementTree import Element, SubElement, tostring
 
 from linked_fleet_agent.planar import Pose
-from linked_fleet_gateway.extensions.world.messages import PathSegment, Positions
+from linked_fleet_gateway.extensions.world.messages import DrivenWay, MotionPath, PathSegment, Positions
+from linked_fleet_gateway.extensions.world.path import paths_along
 from linked_fleet_gateway.fleet.driving import PLANE
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.xml import parse_xml
@@ -38,5 +40,8 @@ def positions_of(pose: Pose) -> Positions:
     return dict(zip(PLANE, pose, strict=True))
 
 
-def legs_of(way: tuple[Pose, ...]) -> tuple[PathSegment, ...]:
-    return tuple(PathSegment(positions_of(pose)) for pose in way)
+def driven_paths(driven: DrivenWay) -> Iterator[MotionPath]:
+    """Yield the paths of the joints of the plane, and of others that move meanwhile."""
+    for way in driven.drive.ways(driven.now, driven.before):
+        legs = tuple(PathSegment(positions_of(pose)) for pose in way)
+        yield from paths_along(legs, driven.start, driven.elsewhere)
