@@ -36,6 +36,7 @@ from linked_fleet_gateway.extensions.world.descriptions import (
 )
 from linked_fleet_gateway.extensions.world.operations import operations
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD, placement, placement_of
+from linked_fleet_gateway.extensions.world.relocalise import Relocalise
 from linked_fleet_gateway.extensions.world.resources import PoseQuery, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
@@ -144,6 +145,7 @@ class WorldExtension(Extension):
     robot_properties = (placement,)
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
+    kinds = (Path(__file__).with_name("relocalise.ttl"),)
     placements = (placement_of,)
     navigation = (NavigationEntry("World", "/world", 10),)
 
@@ -163,6 +165,7 @@ class WorldExtension(Extension):
                 branches=(world.branch,),
                 readers={PoseQuery: partial(read_pose, world)},
                 writers={PostObject: partial(post_object, world), PutObject: partial(put_object, world)},
+                handlers={LF.Relocalise: Relocalise(core).plan},
                 guard=world.checks,
                 services=(world,),
                 not_ready=lambda: "" if world.checks.prepared else PREPARING,
