@@ -34,6 +34,8 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     object_path,
     read_object,
 )
+from linked_fleet_gateway.extensions.world.map_requests import put_map, read_image
+from linked_fleet_gateway.extensions.world.map_resources import MapImage, PutMap
 from linked_fleet_gateway.extensions.world.operations import operations
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD, placement, placement_of
 from linked_fleet_gateway.extensions.world.relocalise import Relocalise
@@ -163,8 +165,12 @@ class WorldExtension(Extension):
         async with World(core.live, meshes, core.redis_url, core.namespace, folder) as world:
             yield Mount(
                 branches=(world.branch,),
-                readers={PoseQuery: partial(read_pose, world)},
-                writers={PostObject: partial(post_object, world), PutObject: partial(put_object, world)},
+                readers={PoseQuery: partial(read_pose, world), MapImage: read_image},
+                writers={
+                    PostObject: partial(post_object, world),
+                    PutObject: partial(put_object, world),
+                    PutMap: partial(put_map, world.maps),
+                },
                 handlers={LF.Relocalise: Relocalise(core).plan},
                 guard=world.checks,
                 services=(world,),

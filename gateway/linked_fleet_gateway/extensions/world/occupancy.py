@@ -38,11 +38,11 @@ class OccupancyGrid:
 
     @cached_property
     def _is_occupied(self) -> Bools:
-        return self.cells == OCCUPIED
+        return np.asarray(self.cells == OCCUPIED)
 
     @cached_property
     def _is_unknown(self) -> Bools:
-        return self.cells == UNKNOWN
+        return np.asarray(self.cells == UNKNOWN)
 
     def to_cells(self, points: npt.ArrayLike) -> Floats:
         """Return points (…, 2) in cells: column and row, whose integer parts are the indices."""
@@ -65,7 +65,7 @@ class OccupancyGrid:
         """Return the value of the cell at each point; ``UNKNOWN`` outside."""
         found = np.floor(self.to_cells(points))
         rows, columns = self.cells.shape
-        inside = ((found >= 0) & (found < (columns, rows))).all(axis=-1)
+        inside = np.asarray(((found >= 0) & (found < (columns, rows))).all(axis=-1))
         column, row = np.moveaxis(np.where(inside[..., None], found, 0).astype(np.intp), -1, 0)
         return np.where(inside, self.cells[row, column], np.int8(UNKNOWN)).astype(np.int8)
 
@@ -88,7 +88,7 @@ class OccupancyGrid:
         """Return for each pose (N, 3) whether the polygon (K, 2) meets an unknown cell, or leaves the grid."""
         outlines = self._outlines(polygon, poses)
         rows, columns = self.cells.shape
-        leaves: Bools = ((outlines < 0) | (outlines > (columns, rows))).any(axis=(1, 2))
+        leaves = np.asarray(((outlines < 0) | (outlines > (columns, rows))).any(axis=(1, 2)))
         return leaves | self._meets(self._is_unknown, outlines)
 
     def _outlines(self, polygon: npt.ArrayLike, poses: npt.ArrayLike) -> Floats:
@@ -135,12 +135,13 @@ def _wanted_cells(wanted: Bools, low: Indices, high: Indices) -> tuple[Indices, 
 
 def _touch(outlines: Floats, cells: Indices) -> Bools:
     """Return whether each outline (F, K, 2) meets its cell (F, 2), a closed unit square."""
-    begin, end, middle = outlines, np.roll(outlines, -1, axis=1), cells[:, None, :] + 0.5
+    begin, end, middle = outlines, np.roll(outlines, -1, axis=1), cells[:, None, :].astype(float) + 0.5
     beside = ((np.minimum(begin, end) > middle + 0.5) | (np.maximum(begin, end) < middle - 0.5)).any(axis=-1)
     way, there = end - begin, middle - begin
     across = np.abs(way[..., 0] * there[..., 1] - way[..., 1] * there[..., 0])
     crosses = ~beside & (across <= 0.5 * np.abs(way).sum(axis=-1))
-    return crosses.any(axis=1) | _contains(begin, end, middle[:, 0])
+    met: Bools = crosses.any(axis=1) | _contains(begin, end, middle[:, 0])
+    return met
 
 
 def _contains(begin: Floats, end: Floats, points: Floats) -> Bools:
@@ -155,27 +156,24 @@ def _contains(begin: Floats, end: Floats, points: Floats) -> Bools:
 
 def _dilated(wanted: Bools, radius: float) -> Bools:
     """Return the cells with a point less than ``radius`` (in cells) from a wanted one, and the wanted ones."""
-    found = wanted.copy()
+    found, widened, along = wanted.copy(), wanted, 0
     if radius <= 0 or not wanted.any():
         return found
     rows = wanted.shape[0]
-    for up in range(min(math.ceil(radius), rows - 1) + 1):
+    for up in range(min(math.ceil(radius), rows - 1), -1, -1):
         gap = max(up - 1, 0)  # between the squares of two cells
-        if gap >= radius:
-            break
-        # The gap along a row must be below this, so it is at most one less when rounded up.
-        along = math.ceil(math.sqrt(radius * radius - gap * gap))
-        widened = _widened(wanted, along)
+        # The gap along the row must be less than this, and the cells there are one more apart than the gap.
+        reach = math.ceil(math.sqrt(radius * radius - gap * gap))
+        while along < min(reach, wanted.shape[1] - 1):
+            widened, along = _widened(widened), along + 1
         found[up:] |= widened[: rows - up]
         found[: rows - up] |= widened[up:]
     return found
 
 
-def _widened(wanted: Bools, along: int) -> Bools:
-    """Return the cells with a wanted one in their row, at most ``along`` cells away."""
-    columns = wanted.shape[1]
-    sums = np.zeros((wanted.shape[0], columns + 1), dtype=np.int32)
-    np.cumsum(wanted, axis=1, out=sums[:, 1:])
-    here = np.arange(columns)
-    found: Bools = sums[:, np.minimum(here + along + 1, columns)] > sums[:, np.maximum(here - along, 0)]
+def _widened(wanted: Bools) -> Bools:
+    """Return the wanted cells and their neighbours in their rows."""
+    found = wanted.copy()
+    found[:, 1:] |= wanted[:, :-1]
+    found[:, :-1] |= wanted[:, 1:]
     return found

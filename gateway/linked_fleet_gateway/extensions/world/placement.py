@@ -28,7 +28,8 @@ LF = CORE.extended(
     " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput"
     " PoseInFrameShape PoseInFrame world placement inFrame poseOf objects poses geometry size radius"
     " length stl Collisions Collision CollisionsShape collisions collision meets collisionFree acceptsUnchecked"
-    " model mesh heading Relocalise"
+    " model mesh heading Relocalise OccupancyMap OccupancyMapShape map resolution columns rows occupiedCells freeCells"
+    " unknownCells obstacleBoxes occupiedThreshold freeThreshold mapMode mapImage mapSettings mapPicture sha256"
 )
 
 log = logging.getLogger(__name__)

@@ -34,6 +34,11 @@ def heading_of(pose: Pose) -> float | None:
     return None if math.hypot(x, y) < _UPRIGHT else math.atan2(y, x)
 
 
+def flat_pose(x: float, y: float, heading: float) -> Pose:
+    """Return an upright pose on the floor."""
+    return Pose((x, y, 0.0), (0.0, 0.0, math.sin(heading / 2), math.cos(heading / 2)))
+
+
 def corrected(placement: Pose, base: Pose, x: float, y: float, heading: float) -> Pose | None:
     """Return the placement, turned about z and shifted in the plane, at which a base stands at ``x``, ``y``.
 
@@ -43,8 +48,7 @@ def corrected(placement: Pose, base: Pose, x: float, y: float, heading: float) -
     looks = heading_of(stands)
     if looks is None:
         return None
-    half = math.remainder(heading - looks, math.tau) / 2
-    turned = Pose((0.0, 0.0, 0.0), (0.0, 0.0, math.sin(half), math.cos(half)))
+    turned = flat_pose(0.0, 0.0, math.remainder(heading - looks, math.tau))
     stood = compose(turned, stands).position_m
     shifted = Pose((x - stood[0], y - stood[1], 0.0), turned.orientation_xyzw)
     return compose(shifted, placement)
