@@ -18,9 +18,9 @@ from linked_fleet_gateway.extensions.rules.description import branch as rules_br
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.things.directory import BRANCHES as THINGS
 from linked_fleet_gateway.extensions.world.collisions import Collision
+from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import FloorMap
 from linked_fleet_gateway.extensions.world.map_image import build_map
-from linked_fleet_gateway.extensions.world.map_resources import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.map_yaml import read_yaml
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.resources import resolve_world

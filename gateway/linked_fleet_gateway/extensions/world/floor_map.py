@@ -6,6 +6,9 @@ below ``free_thresh``, and *unknown* in between.
 """
 
 import gzip
+from collections.abc import Mapping
+from hashlib import blake2b
+from types import MappingProxyType
 from typing import Annotated, Literal
 
 import msgspec
@@ -28,6 +31,9 @@ MOST_BOXES = 20_000
 """Boxes of which the occupied cells may consist in checks of motions."""
 DEFAULT_HEIGHT_M = 2.0
 LARGEST_HEIGHT_M = 100.0
+
+OBSTACLES_KEY = "map-"
+"""With this the keys of obstacles of maps begin."""
 
 Mode = Literal["trinary", "scale", "raw"]
 
@@ -77,12 +83,24 @@ class FloorMap(Struct, frozen=True, kw_only=True):
         return self.columns * self.rows - self.occupied - self.free
 
     @property
+    def obstacles_key(self) -> str:
+        """A key that is equal for maps with equal obstacles at equal places."""
+        digest = blake2b(repr((self.settings, self.height_m)).encode(), digest_size=8).hexdigest()
+        return f"{OBSTACLES_KEY}{self.sha256}-{digest}"
+
+    @property
     def box_count(self) -> int:
         return len(self.boxes) // 8
 
     @property
     def size_m(self) -> tuple[float, float]:
         return self.columns * self.settings.resolution, self.rows * self.settings.resolution
+
+
+ID = "map"
+"""The key of the only record of the table."""
+Maps = Mapping[str, FloorMap]
+NO_MAPS: Maps = MappingProxyType({})
 
 
 def encode(found: FloorMap) -> bytes:

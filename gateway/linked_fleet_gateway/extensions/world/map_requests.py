@@ -22,6 +22,7 @@ from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.world.floor_map import (
     DEFAULT_HEIGHT_M,
+    ID,
     LARGEST_HEIGHT_M,
     MAX_UPLOAD_BYTES,
     FloorMap,
@@ -29,7 +30,7 @@ from linked_fleet_gateway.extensions.world.floor_map import (
     pgm_of,
 )
 from linked_fleet_gateway.extensions.world.form_data import BadForm, Part, read_form
-from linked_fleet_gateway.extensions.world.map_resources import FORM, ID, MAP, PGM, PGM_FILE, MapImage, PutMap
+from linked_fleet_gateway.extensions.world.map_resources import FORM, MAP, PGM, PGM_FILE, MapImage, PutMap
 from linked_fleet_gateway.extensions.world.map_yaml import read_yaml
 from linked_fleet_gateway.serving import convert_body, resolve_under_preconditions
 

@@ -1,6 +1,5 @@
 """The map of the floor at ``/world/map``: its description, and its image, settings and picture as files. Pure."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -8,7 +7,7 @@ from typing import ClassVar
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.api import Found, Graph, RequestView, Resource, Right, Source, blueprint_of, integer
-from linked_fleet_gateway.extensions.world.floor_map import FloorMap, MapSettings
+from linked_fleet_gateway.extensions.world.floor_map import ID, FloorMap, Maps, MapSettings
 from linked_fleet_gateway.extensions.world.map_yaml import write_yaml
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD, describe_pose
 from linked_fleet_gateway.extensions.world.relocalise import flat_pose
@@ -17,9 +16,6 @@ from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDFS
 from linked_fleet_gateway.serving import Rendition
 
 MAP = f"{WORLD}/map"
-ID = "map"
-"""Key of the only record of the table."""
-Maps = Mapping[str, FloorMap]
 FORM, PGM, YAML, PNG = "multipart/form-data", "image/x-portable-graymap", "application/yaml", "image/png"
 PGM_FILE, YAML_FILE, PNG_FILE = "map.pgm", "map.yaml", "map.png"
 NONE_YET = "No map of the floor"

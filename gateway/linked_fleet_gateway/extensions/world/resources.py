@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 from typing import ClassVar
 from zlib import crc32
 
@@ -18,7 +17,8 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     describe_world,
     object_path,
 )
-from linked_fleet_gateway.extensions.world.map_resources import MAP, Maps, resolve_map
+from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
+from linked_fleet_gateway.extensions.world.map_resources import MAP, resolve_map
 from linked_fleet_gateway.extensions.world.placement import LF, PLACEMENT, WORLD
 from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh
 from linked_fleet_gateway.rdf.serialise import JSON, TEXT_TYPES
@@ -53,9 +53,6 @@ class PoseQuery:
     """A pose in the frame that the query names."""
 
     view: RequestView
-
-
-NO_MAPS: Maps = MappingProxyType({})
 
 
 def resolve_world(

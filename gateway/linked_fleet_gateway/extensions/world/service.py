@@ -18,8 +18,8 @@ from linked_fleet_gateway.extensions.world import floor_map
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS, describe_frame, describe_objects, object_path
-from linked_fleet_gateway.extensions.world.floor_map import MAX_STORED_BYTES, FloorMap
-from linked_fleet_gateway.extensions.world.map_resources import ID, MAP, describe_map
+from linked_fleet_gateway.extensions.world.floor_map import ID, MAX_STORED_BYTES, FloorMap
+from linked_fleet_gateway.extensions.world.map_resources import MAP, describe_map
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.resources import resolve_world
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject, decode, encode
@@ -54,9 +54,9 @@ class World:
         self.objects = Table(stored, NOUN, encode, decode, self._changed, live.faults)
         maps = stored_maps(url, namespace)
         self.maps = Table(maps, NOUN_OF_MAPS, floor_map.encode, floor_map.decode, self._map_changed, live.faults)
-        self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
         self.collisions = Collisions(live.fan_out.mark_changed)
-        self.checks = Checks(live, meshes, self.objects.known, folder, self.collisions)
+        self.checks = Checks(live, meshes, self.objects.known, folder, self.collisions, maps=self.maps.known)
+        self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
         self._grid: tuple[FloorMap, OccupancyGrid] | None = None
         self._stack = AsyncExitStack()
 
