@@ -154,7 +154,7 @@ class WorldExtension(Extension):
     def views(self) -> Sequence[object]:
         from linked_fleet_gateway.extensions.world import page
 
-        return (page.VIEW, page.COLLISIONS_VIEW, page.CONTAINER_VIEW, page.OBJECT_VIEW)
+        return (page.VIEW, page.COLLISIONS_VIEW, page.MAP_VIEW, page.CONTAINER_VIEW, page.OBJECT_VIEW)
 
     def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
