@@ -60,15 +60,16 @@ class Refusals:
                 what, other = f"{met.other} of {met.name}", link_path(met.name, there.model, met.other)
         elif met.kind == "map":
             kind, other = "an occupied place of the map of the floor", MAP
-            what = f"an occupied place of {self._map}{_at(met)}"
+            what = self._map
         else:
             thing = self._objects.get(met.name)
             kind = "a keep-out zone" if thing is not None and thing.kind == "zone" else "an obstacle"
             what = kind if thing is None else f"{thing.title} ({kind.partition(' ')[2]})"
             other = object_path(met.name)
+        said = f"an occupied place of {what}{_at(met)}" if met.kind == "map" else what
         after = f"after {100 * met.share:.0f} % of the way"
         return Collides(
-            f"{met.link} of {robot.name} would meet {what} {after}.",
+            f"{met.link} of {robot.name} would meet {said} {after}.",
             things=[link, *([] if other is None else [other])],
             names=[f"{met.link} of {robot.name}", *([] if other is None else [what])],
             share=met.share,

@@ -284,6 +284,7 @@ async def test_a_wall_of_the_map_is_an_obstacle_that_the_refusal_names_with_its_
             said.detail,
         )
         assert said.things == ["/here/rod", "/world/map"] and said.point is not None
+        assert said.names == ["rod of here", "Hall 2 (map of the floor)"]
         assert said.reason.startswith("rod would meet an occupied place of the map of the floor")
         del scene.maps[ID]
         assert await scene.is_free(robot)
