@@ -16,9 +16,11 @@ from itertools import cycle
 from pathlib import Path
 
 import httpx
+import numpy as np
 import pytest
 
 from fake_robots import FakeRobot, open_session
+from floor_maps import yaml
 from fuzzing.fields import families
 from fuzzing.good import able_arm
 from fuzzing.hostile import (
@@ -197,6 +199,24 @@ def test_a_mesh_of_as_many_triangles_as_there_may_be_is_taken(gateway: Gateway) 
     used_s, answer = gateway.cost_s(post.method, post.path, mesh.body, content_type=TURTLE)
     assert answer.status_code == 201, answer.text
     assert used_s < MOST_S
+
+
+def test_the_largest_map_of_the_floor_is_taken_and_given(gateway: Gateway) -> None:
+    """16 million pixels, of so much noise that they take nearly all of the room in Redis."""
+    shades = np.full(4000 * 4000, 205, dtype=np.uint8)
+    settings = yaml(0.05).replace(b"0.65", b"1.0").replace(b"0.196", b"0.0")  # all of it unknown: no obstacles
+    for noisy in (100_000, 3_900_000):
+        shades[:noisy] = np.random.default_rng(1).integers(1, 255, noisy, dtype=np.uint8)
+        image = b"P5 4000 4000 255\n" + shades.tobytes()
+        files = {"yaml": settings, "image": ("floor.pgm", image)}
+        request = httpx.Request("PUT", "http://fleet.test/", files=files)
+        used_s, answer = gateway.cost_s(
+            "PUT", "/world/map", request.read(), content_type=request.headers["content-type"]
+        )
+        assert answer.status_code == 204, answer.text
+        assert used_s < MOST_S, f"{used_s * 1000:.1f} ms"
+        used_s, answer = gateway.cost_s("GET", "/world/map/map.pgm")
+        assert answer.content == image and used_s < MOST_S, f"{used_s * 1000:.1f} ms"
 
 
 @pytest.mark.parametrize("path", ["/arm/title", "/arm/pan/actions/rotate", "/arm/pan/targetRotation"])

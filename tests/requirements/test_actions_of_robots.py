@@ -60,8 +60,9 @@ def test_each_thing_links_the_actions_of_its_kind(browser: Browser, tiago: Comma
     """Fleet, robots, and joints of every kind; one that is fixed, mimics or takes no commands has none."""
     assert _kinds(browser, browser.page(browser.root)) == _KINDS[LF.Fleet]
     for robot in browser.robots():
-        poses = set() if robot.url.endswith("turntable/") else {LF.AssumePose}
-        assert _kinds(browser, robot) == _KINDS[LF.Robot] | poses, robot.url
+        more = set() if robot.url.endswith("turntable/") else {LF.AssumePose}
+        more |= {LF.Relocalise} if (robot.iri, LF.baseMobility, rdflib.Literal("floating")) in robot.graph else set()
+        assert _kinds(browser, robot) == _KINDS[LF.Robot] | more, robot.url
     turning = browser.part("turntable", "turn")
     for joint in (turning, *(browser.page(tiago.joints[title]) for title in ("arm_1_joint", "torso_lift_joint"))):
         (expected,) = [_KINDS[kind] for kind in joint.types if kind in _KINDS]

@@ -30,7 +30,7 @@ def _writes(tree: Walk, page: Visited) -> set[str]:
     if page.kind == "action":
         bindings = page.graph.objects(page.iri, HYBRIT.binding)
         return {str(page.graph.value(each, HTTP.mthd)).rpartition("#")[2] for each in bindings}
-    if (page.iri, RDF.type, LF.ControlLease) in page.graph:
+    if any((page.iri, RDF.type, each) in page.graph for each in (LF.ControlLease, LF.OccupancyMap)):
         return {"PUT", "DELETE"}
     if page.kind == "property":
         settable = _takes_body(page) or (page.iri, RDF.type, LF.Annotations) in page.graph

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 from pyoxigraph import NamedNode, Triple
 
+from floor_maps import FREE, UNKNOWN, WALL, pgm, yaml
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, Description
 from linked_fleet_gateway.extensions.cameras.resources import cameras_branch
@@ -17,6 +18,10 @@ from linked_fleet_gateway.extensions.rules.description import branch as rules_br
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.things.directory import BRANCHES as THINGS
 from linked_fleet_gateway.extensions.world.collisions import Collision
+from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
+from linked_fleet_gateway.extensions.world.floor_map import FloorMap
+from linked_fleet_gateway.extensions.world.map_image import build_map
+from linked_fleet_gateway.extensions.world.map_yaml import read_yaml
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.resources import resolve_world
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
@@ -128,9 +133,15 @@ def _collisions() -> dict[str, Collision]:
     return {"fixed": met}
 
 
+def _maps() -> dict[str, FloorMap]:
+    settings, _ = read_yaml(yaml(0.5))
+    image = pgm([[WALL, FREE, UNKNOWN]])
+    return {MAP_ID: build_map(settings, image, title="hall", height_m=2.0, client="ann", now_ns=1)}
+
+
 def tree() -> Tree:
     """Return a tree with the same resources at each call."""
-    fleet, rules, objects = _fleet(), _rules(), _objects()
+    fleet, rules, objects, maps = _fleet(), _rules(), _objects(), _maps()
     subscriptions = {
         "/fixed/": [
             _record("s1", Kind.CALLBACK, DeliveryState.FAILING),
@@ -143,7 +154,7 @@ def tree() -> Tree:
         *THINGS,
         *MODELS,
         rules_branch(rules),
-        FleetBranch(WORLD[1:], LF.world, lambda view, rest: resolve_world(view, rest, objects, _collisions())),
+        FleetBranch(WORLD[1:], LF.world, lambda view, rest: resolve_world(view, rest, objects, _collisions(), maps)),
         *histories(recorded := History(fleet, 60.0, 10.0, 1_000_000)),
         list_branch(recorded),
         cameras_branch(lambda robot, camera: {}),

@@ -236,9 +236,20 @@ class ReplicatedInvocations:
         Returns False, without a change, if another gateway has changed it; its value is then known. Raises Controlled,
         RedisUnavailable.
         """
-        present = self._live.fleet.settings.get(robot.name, {}).get(name)
+        present = self._setting(robot, name)  # before anything is awaited: what the caller knows
         with translate_store_errors():
             await self._store.check_lease(robot.name, token)
+        return await self._replace_setting(robot, name, present, value)
+
+    async def change_setting(self, robot: Robot, name: str, value: str | None) -> bool:
+        """Replace a setting like ``set_setting``, whoever has control of the robot. Raises RedisUnavailable."""
+        return await self._replace_setting(robot, name, self._setting(robot, name), value)
+
+    def _setting(self, robot: Robot, name: str) -> str | None:
+        return self._live.fleet.settings.get(robot.name, {}).get(name)
+
+    async def _replace_setting(self, robot: Robot, name: str, present: str | None, value: str | None) -> bool:
+        with translate_store_errors():
             step = self._store.set_setting(robot.name, name, present, value)
             return await self._settings.write(robot.name, step)
 

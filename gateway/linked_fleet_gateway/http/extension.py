@@ -161,6 +161,14 @@ class Core:
         """Tell those who listen to requests of something that the extension has done in the name of a client."""
         self.request_events.tell(event)
 
+    async def set_setting(self, robot: Robot, name: str, value: str | None) -> bool:
+        """Replace the known value of a setting of a robot for all gateways, or remove it for None.
+
+        It is for actions, whose invocation has been checked against the control lease. Returns False, without a change,
+        if another gateway has changed the setting; its value is then known. Raises RedisUnavailable.
+        """
+        return await self.actions.lifecycle.replicated_state.change_setting(robot, name, value)
+
     def running(self, action: str) -> list[Invocation]:
         """Return the invocations of the action at a path that have not ended, at whichever gateway, newest first."""
         return self.live.invocations.open_of_action(action)

@@ -54,6 +54,8 @@ class ActionDefinition:
     produces: NamedNode
     is_stop: bool = False
     """True if it stops something: anybody with the right to stop may ask, at any rate and whoever has a lease."""
+    right: Right = Right.ACT
+    """The right that invoking it needs."""
     completions: frozenset[NamedNode] = frozenset()
     """The parts that ``lf:completedBy`` adds to the shape of the body for a thing."""
 
@@ -87,6 +89,7 @@ def _read(kind: NamedNode) -> ActionDefinition:
 
     assert RDF.type in said
     consumes = next(iter(named(HYBRIT.consumes)), None)
+    is_stop = text(LF.isStop) == "true"
     return ActionDefinition(
         iri=kind,
         segment=text(LF.segment),
@@ -98,7 +101,8 @@ def _read(kind: NamedNode) -> ActionDefinition:
         methods=named(HTTP.mthd),
         consumes=consumes,
         produces=named(HYBRIT.produces)[0],
-        is_stop=text(LF.isStop) == "true",
+        is_stop=is_stop,
+        right=Right(text(LF.needsRight) or (Right.STOP if is_stop else Right.ACT)),
         completions=frozenset() if consumes is None else _completions(consumes),
     )
 
@@ -133,6 +137,7 @@ CONDITIONS: dict[NamedNode, Condition] = {
     LF.hasCommandableJoint: lambda robot, joint: bool(commandable_joints(robot)),
     LF.hasMovedLink: lambda robot, joint: bool(moved_links(robot)),
     LF.hasNamedPose: lambda robot, joint: bool(named_poses(robot)),
+    LF.hasFloatingBase: lambda robot, joint: robot.description is not None and robot.description.base == "floating",
 }
 
 
@@ -170,7 +175,7 @@ class Offer:
     @property
     def needs(self) -> tuple[Right, ...]:
         """The rights, one of which invoking it needs."""
-        return (Right.STOP,) if self.is_stop else (Right.ACT,)
+        return (self.definition.right,)
 
     @property
     def declared_by(self) -> str:

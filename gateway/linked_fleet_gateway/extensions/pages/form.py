@@ -1,7 +1,7 @@
 """Forms generated from SHACL shapes, from which `scripts/src/form.js` composes a body."""
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
@@ -44,9 +44,8 @@ def form_of_action(facts: Facts, iri: NamedNode) -> Form:
     consumed = facts.one(iri, HYBRIT.consumes)
     classes, fields = ("", ()) if consumed is None else _fields(_written(facts), str(consumed))
     # PUT first, because it can be repeated safely.
-    stops = {each.iri for each in action_definitions() if each.is_stop}
     types = set(facts.all(iri, RDF.type))
-    right = Right.RESET if _RESET in types else Right.ACT if stops.isdisjoint(types) else Right.STOP
+    right = Right.RESET if _RESET in types else _right(types)
     return _form(
         iri.value,
         sorted(methods, reverse=True) or ["POST"],
@@ -56,6 +55,11 @@ def form_of_action(facts: Facts, iri: NamedNode) -> Form:
         right,
         rehearses,
     )
+
+
+def _right(types: Set[Term]) -> Right:
+    """Return the right that invoking an action of these types needs."""
+    return next((each.right for each in action_definitions() if each.iri in types), Right.ACT)
 
 
 def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:

@@ -26,6 +26,8 @@ from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
 from linked_fleet_gateway.extensions.world.driving import Driving, drives, valid_until_ns, velocity_of
+from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
+from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
@@ -137,12 +139,13 @@ class Checks:
         folder: Path,
         collisions: Collisions | None = None,
         idle_s: float = Worker.IDLE_S,
+        maps: Maps = NO_MAPS,
     ) -> None:
-        self._live, self._objects = live, objects
+        self._live, self._objects, self._maps = live, objects, maps
         self._checker = Checker(folder, idle_s)
         self._preparation = Preparation(live, meshes, self._checker)
         self._collisions = collisions or Collisions(live.fan_out.mark_changed)
-        self._refusals = Refusals(live.fleet.robots, objects)
+        self._refusals = Refusals(live.fleet.robots, objects, maps)
         self._waiting = self._early = 0
         self._driving = Driving()
 
@@ -198,11 +201,12 @@ class Checks:
             self._waiting -= 1
 
     async def _prepare(self, robots: Collection[Robot]) -> str | None:
-        """Prepare the robots and all objects. Return why an object cannot be prepared. Raises Unchecked."""
+        """Prepare the robots, all objects and the map. Return why one of these cannot be prepared. Raises Unchecked."""
         try:
             async with asyncio.timeout(EARLY_S):
                 await self._preparation.prepare_robots(robots)
-                return await self._preparation.prepare_objects(self._objects)
+                why = await self._preparation.prepare_objects(self._objects)
+                return why or await self._preparation.prepare_map(self._maps.get(MAP_ID))
         except TimeoutError as error:
             raise Unchecked("The shapes around the robot are still being prepared; try again.") from error
 
@@ -325,6 +329,7 @@ class Checks:
             tuple(self._stood(each, sees) for each in robots if each is not robot),
             tuple(Placement(id, key_of(thing), thing.pose) for id, thing in self._objects.items()),
             WITHIN_S,
+            "" if (floor := self._maps.get(MAP_ID)) is None else floor.obstacles_key,
         )
 
     def _stood(self, robot: Robot, sees: View) -> Placement:

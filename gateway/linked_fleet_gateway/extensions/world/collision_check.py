@@ -14,6 +14,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import coal
 import numpy as np
@@ -21,6 +22,7 @@ import numpy.typing as npt
 from msgspec.structs import replace
 
 from linked_fleet_gateway.extensions.world.coverage import Coverage
+from linked_fleet_gateway.extensions.world.map_obstacles import MapObstacles
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
@@ -49,6 +51,7 @@ from linked_fleet_gateway.extensions.world.surroundings import (
     depth,
     distance,
     is_inside,
+    map_bodies,
     meeting_point,
     object_bodies,
     other_robot_bodies,
@@ -83,21 +86,31 @@ class _Pair:
     fine: bool = False  # its margin is so small that it might touch between two places of the path
 
 
-def check(asked: Check, robots: Mapping[str, Robot], objects: Mapping[str, coal.CollisionGeometry]) -> Answer:
-    """Check the paths of a question; ``robots`` and ``objects`` are the prepared shapes by key."""
+Maps = Mapping[str, MapObstacles]
+NO_MAPS: Maps = MappingProxyType({})
+
+
+def check(
+    asked: Check,
+    robots: Mapping[str, Robot],
+    objects: Mapping[str, coal.CollisionGeometry],
+    maps: Maps = NO_MAPS,
+) -> Answer:
+    """Check the paths of a question; ``robots``, ``objects`` and ``maps`` are the prepared shapes by key."""
     ends_s = time.thread_time() + asked.within_s
     try:
         missing = [each.key for each in (asked.robot, *asked.robots) if each.key not in robots]
-        if missing or any(each.key not in objects for each in asked.objects):
+        if missing or any(each.key not in objects for each in asked.objects) or asked.map not in {"", *maps}:
             raise UnknownPosition("something of it has to be prepared again")
         if asked.driven is not None:
             asked = replace(asked, paths=(*asked.paths, *driven_paths(asked.driven)))
         robot = robots[asked.robot.key]
         robot = robot.reaching(configurations(robot, asked.paths))
-        coverage = Coverage(asked, robot, robots)
+        coverage = Coverage(asked, robot, robots, maps)
         if (near := coverage.refusal(objects)) is not None:
             return near
         things = [*object_bodies(asked, objects), *other_robot_bodies(asked, robots, robot.radius_m)]
+        things += map_bodies(asked, maps, robot.radius_m + MARGIN_M)
         answer = _Sweep(asked, robot, things, ends_s).answer()
         if isinstance(answer, Free):
             return Free(answer.samples, coverage.accepted(), bool(robot.bodies) or not robot.unchecked)

@@ -5,16 +5,25 @@ from collections.abc import Iterator, Mapping
 import coal
 import numpy as np
 
+from linked_fleet_gateway.extensions.world.map_obstacles import MapObstacles
 from linked_fleet_gateway.extensions.world.messages import Check, Placement, UncheckedNear
 from linked_fleet_gateway.extensions.world.robot import Robot
-from linked_fleet_gateway.extensions.world.surroundings import MARGIN_M, object_bodies, se3, standing
+from linked_fleet_gateway.extensions.world.surroundings import (
+    MARGIN_M,
+    map_bodies,
+    object_bodies,
+    se3,
+    standing,
+)
 
 
 class Coverage:
     """The unchecked links in a question: those of the moving ``robot``, and those of the others."""
 
-    def __init__(self, asked: Check, robot: Robot, robots: Mapping[str, Robot]) -> None:
-        self._asked, self._robot, self._robots = asked, robot, robots
+    def __init__(
+        self, asked: Check, robot: Robot, robots: Mapping[str, Robot], maps: Mapping[str, MapObstacles]
+    ) -> None:
+        self._asked, self._robot, self._robots, self._maps = asked, robot, robots, maps
 
     def refusal(self, objects: Mapping[str, coal.CollisionGeometry]) -> UncheckedNear | None:
         """Return links that may meet something, and which no placement accepts; None if there are none."""
@@ -34,6 +43,8 @@ class Coverage:
         for thing in object_bodies(self._asked, objects):
             if float(np.linalg.norm(thing.centre)) <= reach_m + thing.radius:
                 return UncheckedNear(True, "object", thing.name)
+        if next(map_bodies(self._asked, self._maps, reach_m), None) is not None:
+            return UncheckedNear(True, "map", "")
         for each in self._asked.robots:
             if self._apart_m(each) <= reach_m + standing(each, self._robots).whole_m:
                 return UncheckedNear(True, "robot", each.name)

@@ -77,6 +77,7 @@ def describe_frame(graph: Graph, base: str, robots: Iterable[Robot]) -> None:
     graph.add(iri, LF.objects, NamedNode(base + OBJECTS))
     graph.add(iri, LF.poses, NamedNode(base + POSES))
     graph.add(iri, LF.collisions, NamedNode(iri.value + "/collisions"))
+    graph.add(iri, LF.map, NamedNode(iri.value + "/map"))
     graph.add(iri, DCTERMS.hasPart, *(NamedNode(base + robot_path(robot.name)) for robot in robots))
 
 

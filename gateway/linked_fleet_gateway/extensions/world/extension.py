@@ -34,8 +34,11 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     object_path,
     read_object,
 )
+from linked_fleet_gateway.extensions.world.map_requests import put_map, read_image
+from linked_fleet_gateway.extensions.world.map_resources import MapImage, PutMap
 from linked_fleet_gateway.extensions.world.operations import operations
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD, placement, placement_of
+from linked_fleet_gateway.extensions.world.relocalise import Relocalise
 from linked_fleet_gateway.extensions.world.resources import PoseQuery, PostObject, PutObject
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
@@ -144,13 +147,14 @@ class WorldExtension(Extension):
     robot_properties = (placement,)
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
+    kinds = (Path(__file__).with_name("relocalise.ttl"),)
     placements = (placement_of,)
     navigation = (NavigationEntry("World", "/world", 10),)
 
     def views(self) -> Sequence[object]:
         from linked_fleet_gateway.extensions.world import page
 
-        return (page.VIEW, page.COLLISIONS_VIEW, page.CONTAINER_VIEW, page.OBJECT_VIEW)
+        return (page.VIEW, page.COLLISIONS_VIEW, page.MAP_VIEW, page.CONTAINER_VIEW, page.OBJECT_VIEW)
 
     def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
@@ -161,8 +165,13 @@ class WorldExtension(Extension):
         async with World(core.live, meshes, core.redis_url, core.namespace, folder) as world:
             yield Mount(
                 branches=(world.branch,),
-                readers={PoseQuery: partial(read_pose, world)},
-                writers={PostObject: partial(post_object, world), PutObject: partial(put_object, world)},
+                readers={PoseQuery: partial(read_pose, world), MapImage: read_image},
+                writers={
+                    PostObject: partial(post_object, world),
+                    PutObject: partial(put_object, world),
+                    PutMap: partial(put_map, world.maps),
+                },
+                handlers={LF.Relocalise: Relocalise(core).plan},
                 guard=world.checks,
                 services=(world,),
                 not_ready=lambda: "" if world.checks.prepared else PREPARING,

@@ -12,7 +12,7 @@ from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.fleet.xml import Vector
 
 Positions = dict[str, float]
-Kind = Literal["self", "robot", "object"]
+Kind = Literal["self", "robot", "object", "map"]
 
 
 class Prepare(Struct, frozen=True, tag="prepare"):
@@ -43,6 +43,20 @@ class PrepareObject(Struct, frozen=True, tag="object"):
 
     key: str
     geometry: Geometry
+
+
+class PrepareMap(Struct, frozen=True, tag="map"):
+    """Build the obstacles of the map of the floor, stored under ``key`` in place of those of another map.
+
+    ``boxes`` are rectangles of cells: column, row, columns, rows as little-endian 16-bit numbers. ``origin`` is the
+    corner of cell [0, 0] in the world: x, y, yaw. Obstacles are ``height_m`` high, from z = 0.
+    """
+
+    key: str
+    boxes: bytes
+    resolution_m: float
+    origin: tuple[float, float, float]
+    height_m: float
 
 
 class Placement(Struct, frozen=True):
@@ -94,7 +108,8 @@ class Check(Struct, frozen=True, tag="check"):
 
     It is now at the start of the first path.
 
-    The answer takes at most ``within_s`` seconds of processor time.
+    The answer takes at most ``within_s`` seconds of processor time. ``map`` is the key of the map of the floor, empty
+    without one.
     """
 
     robot: Placement
@@ -102,6 +117,7 @@ class Check(Struct, frozen=True, tag="check"):
     robots: tuple[Placement, ...]
     objects: tuple[Placement, ...]
     within_s: float
+    map: str = ""
     driven: DrivenWay | None = None
 
 
@@ -132,7 +148,7 @@ class Free(Struct, frozen=True, tag="free"):
 class UncheckedNear(Struct, frozen=True, tag="near"):
     """Links that the check does not cover may meet something. The links are those of the moving robot, if ``own``.
 
-    ``name`` is the object or the other robot.
+    ``name`` is the object or the other robot; empty for the map.
     """
 
     own: bool
@@ -141,8 +157,9 @@ class UncheckedNear(Struct, frozen=True, tag="near"):
 
 
 class CollisionFound(Struct, frozen=True, tag="meets"):
-    """A collision: ``link`` meets link ``other`` of robot ``name``, or object ``name``, after ``share`` of the path.
+    """A collision: ``link`` meets something after ``share`` of the path.
 
+    That is link ``other`` of robot ``name``, object ``name``, or the map, whose name is empty.
     ``point`` is the place in the world, None if unknown.
     """
 
@@ -158,5 +175,5 @@ class CheckFailed(Struct, frozen=True, tag="unable"):
     reason: str
 
 
-Question = Prepare | PrepareMesh | PrepareObject | Check
+Question = Prepare | PrepareMesh | PrepareObject | PrepareMap | Check
 Answer = Ready | MeshesMissing | Free | CollisionFound | UncheckedNear | CheckFailed

@@ -8,6 +8,7 @@ from linked_fleet_gateway.extensions.openapi.api import (
     ID_SCHEMA,
     Json,
     creation_responses,
+    get_operation,
     header_ref,
     parameter,
     patch_operation,
@@ -21,6 +22,7 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     POSES,
     object_form,
 )
+from linked_fleet_gateway.extensions.world.map_resources import FORM, MAP, PGM, PGM_FILE, PNG, PNG_FILE, YAML, YAML_FILE
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.rdf.graph import METRE
 from linked_fleet_gateway.rdf.serialise import JSON
@@ -42,6 +44,7 @@ def operations(view: RequestView) -> dict[str, Json]:
     fields = [header_ref("IfMatch")]
     return {
         **resource_path_items(WORLD, {}, "World", "The world: robots and objects, and where they are"),
+        **_map_operations(fields),
         POSES: path_item(
             {}, get=rdf_get_operation("readPoseInFrame", "A pose, seen from another thing", parameters=[of, frame])
         ),
@@ -56,3 +59,38 @@ def operations(view: RequestView) -> dict[str, Json]:
             delete=write_operation("deleteObject", "Remove an object", CHANGED_RESPONSE, None, fields),
         ),
     }  # fmt: skip
+
+
+_FILE: Json = {"type": "string", "format": "binary"}
+_MAP_FORM: Json = {
+    FORM: {
+        "schema": {
+            "type": "object",
+            "required": ["yaml", "image"],
+            "properties": {
+                "yaml": {**_FILE, "description": "The YAML file of map_server."},
+                "image": {**_FILE, "description": "The image that it names, a PGM of 8 bits."},
+                "height": {"type": "string", "description": "How high obstacles are, in metres: 2 by default."},
+                "title": {"type": "string", "description": "The name of the map: that of its image by default."},
+            },
+        }
+    }
+}
+_MAP_FILES = (
+    ("readMapImage", PGM_FILE, PGM, "The image of the map, as it was uploaded"),
+    ("readMapSettings", YAML_FILE, YAML, "The YAML file of the map, for map_server"),
+    ("readMapPicture", PNG_FILE, PNG, "A picture of the map"),
+)
+
+
+def _map_operations(fields: list[Json]) -> dict[str, Json]:
+    files = {
+        f"{MAP}/{name}": path_item({}, get=get_operation(id, summary, {media_type: {"schema": _FILE}}))
+        for id, name, media_type, summary in _MAP_FILES
+    }
+    whole = resource_path_items(
+        MAP, {}, "FloorMap", "The map of the floor: which cells are occupied, free or unknown",
+        put=write_operation("putFloorMap", "Replace the map of the floor", CHANGED_RESPONSE, _MAP_FORM, fields),
+        delete=write_operation("deleteFloorMap", "Remove the map of the floor", CHANGED_RESPONSE, None, fields),
+    )  # fmt: skip
+    return {**whole, **files}

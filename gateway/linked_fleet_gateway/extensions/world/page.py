@@ -21,7 +21,8 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     describe_object,
     object_path,
 )
-from linked_fleet_gateway.extensions.world.placement import LF
+from linked_fleet_gateway.extensions.world.map_resources import MAP
+from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
@@ -55,6 +56,7 @@ def world(facts: Facts, iri: NamedNode) -> Part:
         "robots": standing,
         "objects": path_below(facts.iri_of(iri, LF.objects), facts.root),
         "collisions": path_below(facts.iri_of(iri, LF.collisions), facts.root),
+        "map": path_below(facts.iri_of(iri, LF.map), facts.root),
     }
     done = {each for each in (*robots, *placements.values()) if isinstance(each, NamedNode)}
     return Part(more, {DCTERMS.hasPart}, done)
@@ -64,6 +66,11 @@ def _standing(facts: Facts, iri: NamedNode, placement: Term | None) -> PlacedRob
     position = facts.one(placement, LF.position) if isinstance(placement, NamedNode) else None
     x = facts.one(position, MATHS.x) if isinstance(position, BlankNode) else None
     return PlacedRobot(facts.link(iri), path_below(getattr(placement, "value", ""), facts.root), x != LF.unknown)
+
+
+def floor(facts: Facts, iri: NamedNode) -> Part:
+    more = {"map": MAP, "world": WORLD, "objects": OBJECTS, "present": facts.one(iri, LF.mapImage) is not None}
+    return Part(more)
 
 
 # -- refused motions ------------------------------------------------------------------------------------------------
@@ -178,5 +185,6 @@ def _example() -> tuple[Facts, NamedNode]:
 
 VIEW = PageView(LF.World, _TEMPLATES / "world.html", world, constants={"objects": OBJECTS})
 COLLISIONS_VIEW = PageView(LF.Collisions, _TEMPLATES / "collisions.html", collisions)
+MAP_VIEW = PageView(LF.OccupancyMap, _TEMPLATES / "occupancy_map.html", floor)
 CONTAINER_VIEW = PageView(LF.SceneObjects, _TEMPLATES / "scene_objects.html", container)
 OBJECT_VIEW = PageView(LF.SceneObject, _TEMPLATES / "scene_object.html", thing)

@@ -28,7 +28,8 @@ LF = CORE.extended(
     " WorldShape PlacementShape PlacementInput SceneObjectShape SceneObjectsShape SceneObjectInput"
     " PoseInFrameShape PoseInFrame world placement inFrame poseOf objects poses geometry size radius"
     " length stl Collisions Collision CollisionsShape collisions collision meets collisionFree acceptsUnchecked"
-    " model mesh"
+    " model mesh heading Relocalise OccupancyMap OccupancyMapShape map resolution columns rows occupiedCells freeCells"
+    " unknownCells obstacleBoxes occupiedThreshold freeThreshold mapMode mapImage mapSettings mapPicture sha256"
 )
 
 log = logging.getLogger(__name__)
@@ -48,8 +49,12 @@ class _Record(Struct, frozen=True, omit_defaults=True):
 
 
 def read_placement(body: Body) -> str:
-    pose, accepted = read_pose(body), body.text(body.root, LF.acceptsUnchecked) in ("true", "1")
-    return msgspec.json.encode(_Record(pose.position_m, pose.orientation_xyzw, accepted)).decode()
+    return encode_placement(read_pose(body), body.text(body.root, LF.acceptsUnchecked) in ("true", "1"))
+
+
+def encode_placement(pose: Pose, accepts_unchecked: bool) -> str:
+    """Return the record of a placement, as the settings of a robot have it."""
+    return msgspec.json.encode(_Record(pose.position_m, pose.orientation_xyzw, accepts_unchecked)).decode()
 
 
 def has_placement(robot: Robot) -> bool:
@@ -98,7 +103,7 @@ def read_pose(body: Body) -> Pose:
 
 def read_vector(body: Body, node: Node) -> Vector:
     scale = body.unit(node)
-    x, y, z = (_number(body, node, axis) * scale for axis in (MATHS.x, MATHS.y, MATHS.z))
+    x, y, z = (number_of(body, node, axis) * scale for axis in (MATHS.x, MATHS.y, MATHS.z))
     return x, y, z
 
 
@@ -108,14 +113,15 @@ def describe_pose(graph: Graph, iri: Node, pose: Pose | None) -> None:
 
 
 def _quaternion(body: Body, node: Node) -> Quaternion:
-    x, y, z, w = (_number(body, node, axis) for axis in (MATHS.x, MATHS.y, MATHS.z, LF.w))
+    x, y, z, w = (number_of(body, node, axis) for axis in (MATHS.x, MATHS.y, MATHS.z, LF.w))
     length = math.hypot(x, y, z, w)
     if abs(length - 1.0) > _UNIT_LENGTH:
         raise UnprocessableContent(f"The quaternion has length {length:.6g}; an orientation has length 1.")
     return x / length, y / length, z / length, w / length
 
 
-def _number(body: Body, node: Node, axis: NamedNode) -> float:
+def number_of(body: Body, node: Node, axis: NamedNode) -> float:
+    """Return a number that the shape of the body requires."""
     value = body.number(node, axis)
     assert value is not None
     return value

@@ -21,11 +21,13 @@ from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.models.geometry import file_name, meshes_of
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.driving import drives
+from linked_fleet_gateway.extensions.world.floor_map import OBSTACLES_KEY, FloorMap
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     CheckFailed,
     MeshesMissing,
     Prepare,
+    PrepareMap,
     PrepareMesh,
     PrepareObject,
     Question,
@@ -72,6 +74,10 @@ class Checker:
         """Forget what ended processes had prepared, except what is in ``present``."""
         self._known_before &= present
 
+    def forget_maps_except(self, key: str) -> None:
+        """Forget other maps: the process keeps the latest one."""
+        self._known -= {each for each in self._known if each.startswith(OBSTACLES_KEY) and each != key}
+
     def in_use(self) -> AbstractContextManager[None]:
         """Keep the process, if it runs, from ending because it is idle."""
         return self._worker.in_use()
@@ -113,7 +119,7 @@ class Checker:
         if size > _MAX_ANSWER_BYTES:
             raise EOFError("its answer is none")
         answer: Answer = _ANSWERS.decode(await stdout.readexactly(size))
-        if isinstance(question, Prepare | PrepareObject) and isinstance(answer, Ready):
+        if isinstance(question, Prepare | PrepareObject | PrepareMap) and isinstance(answer, Ready):
             self._known.add(question.key)
             self._known_before -= {question.key}
         return answer
@@ -214,6 +220,18 @@ class Preparation:
                 answer = await self._checker.ask(PrepareObject(key, thing.geometry), _OBJECT_S)
                 if isinstance(answer, CheckFailed):
                     return f"The shape of {thing.title} cannot be used: {answer.reason}."
+        return None
+
+    async def prepare_map(self, found: FloorMap | None) -> str | None:
+        """Prepare the map of the floor. Return why it cannot be prepared, or None."""
+        if found is None or self._checker.is_prepared(key := found.obstacles_key):
+            return None
+        settings = found.settings
+        question = PrepareMap(key, found.boxes, settings.resolution, settings.origin, found.height_m)
+        answer = await self._checker.ask(question, _OBJECT_S)
+        if isinstance(answer, CheckFailed):
+            return f"The map {found.title} cannot be used: {answer.reason}."
+        self._checker.forget_maps_except(key)
         return None
 
     def _begin(self, robot: Robot) -> asyncio.Task[None] | None:

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from linked_fleet_gateway.api import link_path
 from linked_fleet_gateway.extensions.world.collisions import Collides, UncheckedLinks
 from linked_fleet_gateway.extensions.world.descriptions import object_path
+from linked_fleet_gateway.extensions.world.floor_map import ID, NO_MAPS, Maps
+from linked_fleet_gateway.extensions.world.map_resources import MAP
 from linked_fleet_gateway.extensions.world.messages import CollisionFound, UncheckedNear
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.faces import unchecked_links as links_of
@@ -16,13 +18,21 @@ from linked_fleet_gateway.fleet.unchecked import in_words
 class Refusals:
     """Creates refusals, which name robots and objects by their titles."""
 
-    def __init__(self, robots: Mapping[str, Robot], objects: Mapping[str, SceneObject]) -> None:
-        self._robots, self._objects = robots, objects
+    def __init__(self, robots: Mapping[str, Robot], objects: Mapping[str, SceneObject], maps: Maps = NO_MAPS) -> None:
+        self._robots, self._objects, self._maps = robots, objects, maps
+
+    @property
+    def _map(self) -> str:
+        """What the map of the floor is called."""
+        found = self._maps.get(ID)
+        return "the map of the floor" if found is None else f"{found.title} (map of the floor)"
 
     def unchecked_links(self, robot: Robot, near: UncheckedNear) -> UncheckedLinks:
         """Return the refusal of a motion whose robot, or whose neighbour, has links that the check does not cover."""
         thing = self._objects.get(near.name) if near.kind == "object" else None
         met = near.name or "another robot" if thing is None else thing.title
+        if near.kind == "map":
+            met = f"an occupied place of {self._map}"
         if near.own:
             links, whose, reason = links_of(robot), robot.name, "parts of the robot that no check covers"
         else:
@@ -48,17 +58,26 @@ class Refusals:
             what = kind
             if there is not None and there.model is not None:
                 what, other = f"{met.other} of {met.name}", link_path(met.name, there.model, met.other)
+        elif met.kind == "map":
+            kind, other = "an occupied place of the map of the floor", MAP
+            what = self._map
         else:
             thing = self._objects.get(met.name)
             kind = "a keep-out zone" if thing is not None and thing.kind == "zone" else "an obstacle"
             what = kind if thing is None else f"{thing.title} ({kind.partition(' ')[2]})"
             other = object_path(met.name)
+        said = f"an occupied place of {what}{_at(met)}" if met.kind == "map" else what
         after = f"after {100 * met.share:.0f} % of the way"
         return Collides(
-            f"{met.link} of {robot.name} would meet {what} {after}.",
+            f"{met.link} of {robot.name} would meet {said} {after}.",
             things=[link, *([] if other is None else [other])],
             names=[f"{met.link} of {robot.name}", *([] if other is None else [what])],
             share=met.share,
             point=None if other is None else met.point,  # a robot that the caller may not see has no place either
             reason=f"{met.link} would meet {kind} {after}",
         )
+
+
+def _at(met: CollisionFound) -> str:
+    """Return the place on the floor in words; empty if it is unknown."""
+    return "" if met.point is None else f" at x {met.point[0]:.2f} m, y {met.point[1]:.2f} m"

@@ -17,6 +17,8 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     describe_world,
     object_path,
 )
+from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
+from linked_fleet_gateway.extensions.world.map_resources import MAP, resolve_map
 from linked_fleet_gateway.extensions.world.placement import LF, PLACEMENT, WORLD
 from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh
 from linked_fleet_gateway.rdf.serialise import JSON, TEXT_TYPES
@@ -54,7 +56,11 @@ class PoseQuery:
 
 
 def resolve_world(
-    view: RequestView, rest: list[str], objects: Mapping[str, SceneObject], collisions: Known = NONE
+    view: RequestView,
+    rest: list[str],
+    objects: Mapping[str, SceneObject],
+    collisions: Known = NONE,
+    maps: Maps = NO_MAPS,
 ) -> Found:
     """Return the resource at ``rest``, the segments below ``/world``."""
     if not rest:
@@ -72,6 +78,8 @@ def resolve_world(
         )
     if rest[0] == "collisions":
         return resolve_collisions(view, rest[1:], collisions)
+    if rest[0] == "map":
+        return resolve_map(view, rest[1:], maps)
     return _in_objects(view, rest[1:], objects) if rest[0] == "objects" else None
 
 
@@ -84,7 +92,7 @@ def _world(view: RequestView) -> Resource:
         source=Source(
             lambda: [(r.name, r.title, r.description is None, r.settings.get(PLACEMENT)) for r in robots.values()]
         ),
-        own_paths=(f"{WORLD}/{_BLUEPRINT}", OBJECTS, POSES, COLLISIONS),
+        own_paths=(f"{WORLD}/{_BLUEPRINT}", OBJECTS, POSES, COLLISIONS, MAP),
         publishes_changes=False,  # clients follow the placements and the objects instead
     )
 

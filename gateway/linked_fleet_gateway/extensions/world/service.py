@@ -1,21 +1,25 @@
 """The world: its resources in the tree, its objects, and the checks of motions.
 
-All gateways share the objects through Redis; each has a copy of them.
+All gateways share the objects and the map of the floor through Redis; each has a copy of them.
 """
 
+import asyncio
 from collections.abc import Iterator, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from pyoxigraph import Triple
 
 from linked_fleet_gateway.api import FleetBranch, Found, RequestView, Table
 from linked_fleet_gateway.extensions.models.meshes import Meshes
+from linked_fleet_gateway.extensions.world import floor_map
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS, describe_frame, describe_objects, object_path
+from linked_fleet_gateway.extensions.world.floor_map import ID, MAX_STORED_BYTES, FloorMap
+from linked_fleet_gateway.extensions.world.map_resources import MAP, describe_map
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.resources import resolve_world
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject, decode, encode
@@ -24,12 +28,21 @@ from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.serving import Live, StoredRecords
 
-NOUN = "objects in the world"
+if TYPE_CHECKING:
+    from linked_fleet_gateway.extensions.world.occupancy import OccupancyGrid
+
+NOUN, NOUN_OF_MAPS = "objects in the world", "maps of the floor"
+_MAX_MAP_BYTES = 3 * MAX_STORED_BYTES
 
 
 def stored_objects(url: str, namespace: str) -> StoredRecords:
     """Return the access to the objects in Redis."""
     return StoredRecords(url, namespace, "world", "objects", MAX_OBJECTS)
+
+
+def stored_maps(url: str, namespace: str) -> StoredRecords:
+    """Return the access to the map of the floor in Redis, the only record of its table."""
+    return StoredRecords(url, namespace, "world", "maps", 1, _MAX_MAP_BYTES)
 
 
 class World:
@@ -39,17 +52,20 @@ class World:
         self._live = live
         stored = stored_objects(url, namespace)
         self.objects = Table(stored, NOUN, encode, decode, self._changed, live.faults)
-        self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
+        maps = stored_maps(url, namespace)
+        self.maps = Table(maps, NOUN_OF_MAPS, floor_map.encode, floor_map.decode, self._map_changed, live.faults)
         self.collisions = Collisions(live.fan_out.mark_changed)
-        self.checks = Checks(live, meshes, self.objects.known, folder, self.collisions)
+        self.checks = Checks(live, meshes, self.objects.known, folder, self.collisions, maps=self.maps.known)
+        self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
+        self._grid: tuple[FloorMap, OccupancyGrid] | None = None
         self._stack = AsyncExitStack()
 
     @property
     def branch(self) -> FleetBranch:
-        objects, collisions = self.objects.known, self.collisions.known
+        objects, collisions, maps = self.objects.known, self.collisions.known, self.maps.known
 
         def resolve(view: RequestView, rest: list[str]) -> Found:
-            return resolve_world(view, rest, objects, collisions)
+            return resolve_world(view, rest, objects, collisions, maps)
 
         return FleetBranch(WORLD[1:], LF.world, resolve, graphs=self.triples, poses=self.poses)
 
@@ -57,6 +73,18 @@ class World:
         if before is None:
             self._live.fan_out.add_resource(object_path(id))
         self._live.fan_out.mark_changed(object_path(id), OBJECTS)
+
+    def _map_changed(self, id: str, before: FloorMap | None, after: FloorMap | None) -> None:
+        self._live.fan_out.mark_changed(MAP)
+
+    async def occupancy(self) -> "OccupancyGrid | None":
+        """Return the cells of the map of the floor; None without one. Unpacked in a thread once for each map."""
+        found = self.maps.known.get(ID)
+        if found is None:
+            self._grid = None
+        elif self._grid is None or self._grid[0] is not found:
+            self._grid = found, await asyncio.to_thread(_grid_of, found)
+        return None if self._grid is None else self._grid[1]
 
     def poses(self) -> dict[str, Pose]:
         """Poses of the frame itself and of the objects in it, by path."""
@@ -72,9 +100,13 @@ class World:
             describe_objects(objects, view.base, known, len(known))
             self._described = key, objects.triples
         yield OBJECTS, self._described[1]
+        floor = Graph()
+        describe_map(floor, view.base, self.maps.known.get(ID))
+        yield MAP, floor.triples
 
     async def __aenter__(self) -> Self:
         await self._stack.enter_async_context(self.objects)
+        await self._stack.enter_async_context(self.maps)
         await self._stack.enter_async_context(self.checks)
         return self
 
@@ -82,3 +114,9 @@ class World:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await self._stack.aclose()
+
+
+def _grid_of(found: FloorMap) -> "OccupancyGrid":
+    from linked_fleet_gateway.extensions.world.map_image import grid_of  # with numpy, which only maps need
+
+    return grid_of(found)

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from linked_fleet_gateway.extensions.world.map_obstacles import MapObstacles
 from linked_fleet_gateway.extensions.world.messages import Check, Kind, Placement, Positions
 from linked_fleet_gateway.extensions.world.path import STEP_M, UnknownPosition, moved_positions
 from linked_fleet_gateway.extensions.world.robot import Body, Robot, put
@@ -136,6 +137,15 @@ def object_bodies(asked: Check, objects: Mapping[str, coal.CollisionGeometry]) -
         centre = at.act(np.array(shape.aabb_center, dtype=float))
         hull = None if isinstance(shape, coal.BVHModelOBBRSS) else shape
         yield StaticBody("object", each.name, "", Shape(shape, hull, None, at), centre, float(shape.aabb_radius))
+
+
+def map_bodies(asked: Check, maps: Mapping[str, MapObstacles], reach_m: float) -> Iterator[StaticBody]:
+    """Yield the obstacles of the map of the floor that come within ``reach_m`` of the root. Raises UnknownPosition."""
+    if not asked.map:
+        return
+    for box, at in maps[asked.map].near(se3(asked.robot.base), reach_m):
+        radius = float(np.linalg.norm(np.array(box.halfSide)))
+        yield StaticBody("map", "", "", Shape(box, box, None, at), np.array(at.translation), radius)
 
 
 def standing(placed: Placement, robots: Mapping[str, Robot]) -> Robot:

@@ -8,12 +8,14 @@ from typing import Self
 import coal
 
 from linked_fleet_gateway.extensions.world.collision_check import check
+from linked_fleet_gateway.extensions.world.map_obstacles import MapObstacles
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
     CheckFailed,
     MeshesMissing,
     Prepare,
+    PrepareMap,
     PrepareMesh,
     Question,
     Ready,
@@ -47,18 +49,21 @@ class Worker:
         self._cache, self._most_triangles = cache, most_triangles
         self._robots: dict[str, Robot] = {}
         self._objects: dict[str, coal.CollisionGeometry] = {}
+        self._maps: dict[str, MapObstacles] = {}
         self._meshes: OrderedDict[str, Surface] = OrderedDict()
 
     def answer(self, question: Question) -> Answer:
         try:
             if isinstance(question, Check):
-                return check(question, self._robots, self._objects)
+                return check(question, self._robots, self._objects, self._maps)
             if isinstance(question, Prepare):
                 return self._prepare(question)
             if isinstance(question, PrepareMesh):
                 surface = read_mesh(question.name.rpartition(".")[2], question.content)
                 self._cache.put(question.name, surface)
                 self._hold(question.name, surface)
+            elif isinstance(question, PrepareMap):
+                self._maps = {question.key: MapObstacles(question)}  # a fleet has one map at a time
             else:
                 self._objects[question.key] = build_object_shape(question.geometry)
         except (ModelError, MemoryError, RuntimeError) as error:

@@ -9,6 +9,7 @@ import pytest
 from browser import Browser
 from camera_robot import EYE, CameraRobot
 from fake_robots import FakeRobot, open_session
+from floor_maps import WALL, pgm, upload
 from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
@@ -46,6 +47,7 @@ def test_every_extension_describes_its_operations(paths: dict[str, Any]) -> None
 
 
 def test_described_paths_exist_with_the_described_methods(browser: Browser, paths: dict[str, Any]) -> None:
+    assert upload(browser.http, browser.root + "world/map", pgm([[WALL]])).status_code == 204
     known = {"object": made(browser, paths, "/world/objects"), "rule": made(browser, paths, "/rules")}
     for template, item in paths.items():
         if not template.startswith((*EXTENSIONS, "/{robot}/{part}/{property}/history")):

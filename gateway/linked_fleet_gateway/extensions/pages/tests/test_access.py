@@ -81,6 +81,7 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
         "world": world.url,
         "objects": str(world.one(LF.objects)),
         "object": crate.headers["location"],
+        "map": str(world.one(LF.map)),
         "collisions": str(world.one(LF.collisions)),
         "rules": str(root.one(LF.rules)),
         "rule": rule,

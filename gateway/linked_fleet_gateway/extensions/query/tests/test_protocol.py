@@ -169,7 +169,7 @@ _ANY = "SELECT DISTINCT ?s { ?s a <https://w3id.org/linked-fleet#Robot> }"
         (_GRAPHS, [], ["ur5/", "panda/"], {"ur5/", "panda/"}),
         (_GRAPHS, ["ur5/"], [], set()),
         (_GRAPHS.replace("{", "FROM NAMED <panda/> {", 1), [], ["ur5/"], {"ur5/"}),
-        (_GRAPHS, [], [], {"", "ur5/", "panda/", "vocabulary", "blueprint", "world", "world/objects"}),
+        (_GRAPHS, [], [], {"", "ur5/", "panda/", "vocabulary", "blueprint", "world", "world/objects", "world/map"}),
     ],
 )
 def test_the_dataset_of_the_request_goes_before_that_of_the_query(

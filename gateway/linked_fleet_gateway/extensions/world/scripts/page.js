@@ -1,4 +1,4 @@
-// The world: its 3D scene, the list of its objects with their forms, and motions that were refused.
+// The page of the world, the floor from above, and the scene of the world on any page.
 
 import { whenWanted } from "../../pages/scripts/src/lazy_scene.js";
 import { notice } from "../../pages/scripts/src/notice.js";
@@ -11,11 +11,21 @@ export function start() {
   /** @type {HTMLElement | null} */
   const scene = document.querySelector("#scene[data-world]");
   if (scene) whenWanted(scene, () => draw(scene));
+  /** @type {HTMLElement | null} */
+  const floor = document.querySelector("[data-floor]");
+  if (floor) drawFloor(floor);
 }
 
 function draw(scene) {
   import("./scene_world.js").then(
     ({ show }) => show(scene),
     (error) => notice(`The scene could not be fetched: ${error.message}`),
+  );
+}
+
+function drawFloor(floor) {
+  import("./floor.js").then(
+    ({ show }) => show(floor),
+    (error) => notice(`The plan of the floor could not be fetched: ${error.message}`),
   );
 }

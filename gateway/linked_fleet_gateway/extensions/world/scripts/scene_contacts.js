@@ -3,7 +3,7 @@
 import { Group, Mesh, MeshBasicMaterial, SphereGeometry } from "three";
 
 import { key } from "../../pages/scripts/src/ntriples.js";
-import { poseOf } from "../../pages/scripts/src/scene_objects.js";
+import { poseOf } from "../../pages/scripts/src/pose_of.js";
 import { lf } from "../../pages/scripts/src/vocabulary.js";
 
 const RADIUS_M = 0.04;

@@ -4,7 +4,8 @@ import { Box3, Group, Vector3 } from "three";
 
 import { build, complete, fetchModel, loadMeshes, meshesOf } from "../../pages/scripts/src/scene_model.js";
 import { Motion } from "../../pages/scripts/src/scene_motion.js";
-import { poseOf, put } from "../../pages/scripts/src/scene_objects.js";
+import { poseOf } from "../../pages/scripts/src/pose_of.js";
+import { put } from "../../pages/scripts/src/scene_objects.js";
 import { Part } from "../../pages/scripts/src/scene_parts.js";
 import { fetchBase, fetchState } from "../../pages/scripts/src/scene_state.js";
 import { smooth } from "../../pages/scripts/src/scene_view.js";

@@ -4,8 +4,10 @@ import { Group, Vector3 } from "three";
 
 import { adopt } from "../../pages/scripts/src/region.js";
 import { Labels } from "./scene_labels.js";
-import { Objects, poseOf } from "../../pages/scripts/src/scene_objects.js";
+import { poseOf } from "../../pages/scripts/src/pose_of.js";
+import { Objects } from "../../pages/scripts/src/scene_objects.js";
 import { Contacts } from "./scene_contacts.js";
+import { FloorMap } from "./scene_map.js";
 import { Chooser } from "./scene_choice.js";
 import { Standing } from "./scene_standing.js";
 import { Target } from "../../pages/scripts/src/scene_target.js";
@@ -39,6 +41,7 @@ class WorldScene {
     this.robots = new Map();
     this.objects = new Objects(this.ending.signal, () => this.frame());
     this.contacts = new Contacts(); // beside the world: a mark is nothing to be fitted into the view or to be clicked
+    this.floor = new FloorMap(() => this.view?.invalidate(true));
     this.all.add(this.objects);
     /** @type {HTMLElement|undefined} */
     this.left = undefined;
@@ -65,7 +68,7 @@ class WorldScene {
     this.view = new View(canvas, context, (now) => this.animate(now));
     this.view.seen = false;
     this.view.stage(this.all);
-    this.view.scene.add(this.contacts);
+    this.view.scene.add(this.contacts, this.floor);
     this.said = Object.assign(document.createElement("p"), { className: "hidden" });
     this.said.setAttribute("role", "status");
     frame.append(this.said);
@@ -145,9 +148,19 @@ class WorldScene {
     const iri = new URL(this.section.dataset.objects, document.baseURI).href;
     if (this.inSight) this.stop ??= watch(iri, { interval: 0.2 }, (graph) => this.objects.show(graph, iri));
     else this.stop = this.stop?.();
+    if (this.inSight) this.stopMap ??= this.followMap();
+    else this.stopMap = this.stopMap?.();
     if (this.inSight) this.stopContacts ??= this.followContacts();
     else this.stopContacts = this.stopContacts?.();
     for (const robot of this.robots.values()) robot.listen(this.inSight);
+  }
+
+  /** @returns {(() => void)|undefined} a function that ends it; undefined on pages without a map */
+  followMap() {
+    const { map } = this.section.dataset;
+    if (!map) return undefined;
+    const iri = new URL(map, document.baseURI).href;
+    return watch(iri, {}, (graph) => this.floor.show(graph, iri));
   }
 
   /** @returns {(() => void)|undefined} a function that ends it; undefined on pages without a list of refused motions */

@@ -2,8 +2,9 @@
 
 import asyncio
 import hashlib
+import re
 from asyncio.subprocess import Process
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from typing import Any
 import msgspec
 import pytest
 
+from floor_maps import FREE, UNKNOWN, WALL, pgm, yaml
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, Mesh, Move, State
 from linked_fleet_gateway.actions.plan import TIME_TO_LIVE_NS, Motion, RobotTime, build_command
@@ -20,6 +22,9 @@ from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world import checks
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked, UncheckedLinks
+from linked_fleet_gateway.extensions.world.floor_map import ID, FloorMap
+from linked_fleet_gateway.extensions.world.map_image import build_map
+from linked_fleet_gateway.extensions.world.map_yaml import read_yaml
 from linked_fleet_gateway.extensions.world.messages import Answer, Prepare, PrepareMesh, Question
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, placement_of
 from linked_fleet_gateway.extensions.world.process import Checker
@@ -56,7 +61,8 @@ class Scene:
     def __init__(self, folder: Path, idle_s: float = Worker.IDLE_S) -> None:
         self.live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
         self.objects: dict[str, SceneObject] = {}
-        self.checks = Checks(self.live, Meshes(self._ask), self.objects, folder, idle_s=idle_s)
+        self.maps: dict[str, FloorMap] = {}
+        self.checks = Checks(self.live, Meshes(self._ask), self.objects, folder, idle_s=idle_s, maps=self.maps)
         self.asked: dict[str, asyncio.Event] = {}
         self.let: dict[str, asyncio.Event] = {}
         self.silent: set[str] = set()
@@ -251,6 +257,62 @@ async def test_a_collision_with_an_invisible_robot_does_not_tell_its_place(tmp_p
             await scene.is_free(robot, View.of(frozenset({"here"}), "somebody"))
         assert whole.value.point is not None and part.value.point is None
         assert len(part.value.things) == len(part.value.names) == 1
+
+
+def floor(*rows: Sequence[int], height_m: float = 2.0) -> FloorMap:
+    """Return a map with its lower left corner at (-0.5, 0.3), in cells of 0.5 m."""
+    settings, _ = read_yaml(yaml(0.5, (-0.5, 0.3, 0.0)))
+    return build_map(settings, pgm(rows), title="Hall 2", height_m=height_m, client="ann")
+
+
+async def test_a_wall_of_the_map_is_an_obstacle_that_the_refusal_names_with_its_place(tmp_path: Path) -> None:
+    """The rod is just above the wall and turns down into it. Unknown cells, and lower walls, are no obstacles."""
+    above = {"position_m": (0.0, 0.0, 2.05)}
+    async with scene_in(tmp_path) as scene:
+        robot = scene.robot("here", let=True, **above)
+        await scene.checks.wait_until_ready(robot, ALL)
+        for free in (floor([UNKNOWN, UNKNOWN]), floor([WALL, WALL], height_m=1.5), floor([FREE, WALL], [FREE, FREE])):
+            scene.maps[ID] = free
+            assert await scene.is_free(robot)
+        scene.maps[ID] = floor([FREE, WALL])
+        with pytest.raises(Collides) as refused:
+            await scene.is_free(robot)
+        said = refused.value
+        assert re.search(
+            r"rod of here would meet an occupied place of Hall 2 \(map of the floor\)"
+            r" at x 0\.\d\d m, y 0\.(?:49|5\d) m",
+            said.detail,
+        )
+        assert said.things == ["/here/rod", "/world/map"] and said.point is not None
+        assert said.names == ["rod of here", "Hall 2 (map of the floor)"]
+        assert said.reason.startswith("rod would meet an occupied place of the map of the floor")
+        del scene.maps[ID]
+        assert await scene.is_free(robot)
+
+
+async def test_a_map_is_prepared_again_by_a_new_process_and_after_another_map(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
+        robot = scene.robot("here", let=True, position_m=(0.0, 0.0, 2.05))
+        wall, nothing = floor([FREE, WALL]), floor([FREE, FREE])
+        for found in (wall, nothing, wall):
+            scene.maps[ID] = found
+            if found is nothing:
+                assert await scene.is_free(robot)
+                continue
+            with pytest.raises(Collides, match="Hall 2"):
+                await scene.is_free(robot)
+            scene.worker.process.kill()
+            await scene.idle()
+
+
+async def test_links_that_no_check_covers_are_refused_near_a_wall(tmp_path: Path) -> None:
+    async with scene_in(tmp_path) as scene:
+        robot = scene.robot("here", let=True, mesh="absent.stl")
+        await scene.checks.wait_until_ready(robot, ALL)
+        assert await scene.is_free(robot)
+        scene.maps[ID] = floor([FREE, WALL])
+        with pytest.raises(UncheckedLinks, match=r"may meet an occupied place of Hall 2 \(map of the floor\)"):
+            await scene.is_free(robot)
 
 
 async def test_unchecked_links_are_shown_logged_once_and_named_in_findings(

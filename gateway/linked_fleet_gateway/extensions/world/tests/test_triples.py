@@ -5,9 +5,14 @@ from pathlib import Path
 
 from pyoxigraph import Literal, NamedNode
 
+from floor_maps import FREE, UNKNOWN, WALL, pgm, yaml
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.models.meshes import Meshes, ask
+from linked_fleet_gateway.extensions.world import floor_map
+from linked_fleet_gateway.extensions.world.floor_map import ID
+from linked_fleet_gateway.extensions.world.map_image import build_map
+from linked_fleet_gateway.extensions.world.map_yaml import read_yaml
 from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, encode
 from linked_fleet_gateway.extensions.world.service import World
@@ -41,3 +46,20 @@ def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path
     assert dict(world.triples(view))["/world/objects"] is told["/world/objects"]
     world.objects._take("ball0", None)
     assert len(dict(world.triples(view))["/world/objects"]) < len(told["/world/objects"])
+
+
+async def test_planners_get_the_cells_of_the_present_map(tmp_path: Path) -> None:
+    """Unpacked once for each map; without a map there are none."""
+    settings = GatewaySettings()
+    live = create_live(settings, ZenohNetwork().gateway("g"))
+    world = World(live, Meshes(partial(ask, live.link)), "unix:///nowhere", settings.namespace, tmp_path)
+    assert await world.occupancy() is None
+    said, _ = read_yaml(yaml(0.5, (1.0, 2.0, 0.0)))
+    floor = build_map(said, pgm([[WALL, FREE, UNKNOWN]]), title="hall", height_m=2.0, client="ann")
+    world.maps._take(ID, floor_map.encode(floor))
+    grid = await world.occupancy()
+    assert grid is not None and grid.cells.tolist() == [[100, 0, -1]]
+    assert grid.values([(1.2, 2.2), (2.2, 2.2), (9.0, 9.0)]).tolist() == [100, -1, -1]
+    assert await world.occupancy() is grid
+    world.maps._take(ID, None)
+    assert await world.occupancy() is None

@@ -3,27 +3,12 @@
 import { BoxGeometry, CylinderGeometry, DoubleSide, Group, Mesh, MeshStandardMaterial, Quaternion, SphereGeometry } from "three";
 
 import { key } from "./ntriples.js";
+import { length, MATHS, poseOf } from "./pose_of.js";
 import { checkSize, stl } from "./scene_files.js";
 import { lf, NUMERICAL_VALUE, RDF_TYPE, TITLE } from "./vocabulary.js";
 
-const MATHS = "http://vocab.arvida.de/2015/06/maths/vocab#";
-const VOM_UNIT = "http://vocab.arvida.de/2015/06/vom/vocab#unit";
-const MILLIMETRE = "http://qudt.org/vocab/unit/MilliM";
 const DRAFT = "_:n0";
 const CONTAINS = "http://www.w3.org/ns/ldp#contains";
-
-/**
- * @param {import("./ntriples.js").Graph} graph
- * @param {string} iri of the placed thing
- * @returns {{position: number[], orientation: number[]}|undefined} in metre; undefined while it is unknown
- */
-export function poseOf(graph, iri) {
-  const read = (path, axes) => axes.map((axis) => length(graph, graph.follow(iri, [lf(path)]), axis));
-  const xyz = ["x", "y", "z"].map((axis) => MATHS + axis);
-  const position = read("position", xyz);
-  const orientation = graph.value(iri, lf("orientation")) ? read("orientation", [...xyz, lf("w")]) : [0, 0, 0, 1];
-  return [...position, ...orientation].every(Number.isFinite) ? { position, orientation } : undefined;
-}
 
 /** Apply a pose to an object of three.js. */
 export function put(object, { position, orientation }) {
@@ -142,15 +127,4 @@ async function fetched(iri, signal) {
   const geometry = stl(await answer.arrayBuffer());
   geometry.computeVertexNormals();
   return geometry;
-}
-
-/** Return a number of a node in metre; unchanged without a known unit. */
-function length(graph, node, predicate) {
-  if (!node) return NaN;
-  const scale = graph.value(key(node), VOM_UNIT)?.value === MILLIMETRE ? 0.001 : 1;
-  return number(graph.value(key(node), predicate)) * scale;
-}
-
-function number(term) {
-  return term?.kind === "literal" && term.value.trim() ? Number(term.value) : NaN;
 }
