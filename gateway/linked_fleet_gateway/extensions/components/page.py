@@ -1,12 +1,13 @@
 """The page of a component: values, actions with their forms, and events."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.components.terms import LF
-from linked_fleet_gateway.extensions.pages.thing_views import PRESENCE, Card, actions, cards, presence
+from linked_fleet_gateway.extensions.pages.thing_views import PRESENCE, Card, actions, cards, path_below, presence
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
@@ -24,9 +25,19 @@ def component(facts: Facts, iri: NamedNode) -> Part:
         "told": [card for each, card in found if not facts.is_a(each, LF.ComponentEvent)],
         "events": [card for each, card in found if facts.is_a(each, LF.ComponentEvent)],
         "actions": actions(facts, iri),
+        "stick": _stick(facts, iri),
     }
     shown = {*PRESENCE, RDFS.comment, HYBRIT.property, HYBRIT.action, *leading}
     return Part(more, shown, set(listed))
+
+
+def _stick(facts: Facts, iri: NamedNode) -> Mapping[str, str]:
+    """Return the addresses for driving a base by hand; nothing for what is no base."""
+    drive = NamedNode(f"{iri.value}/actions/drive")
+    if not facts.is_a(iri, LF.extended("Base").Base) or drive not in facts.all(iri, HYBRIT.action):
+        return {}
+    robot = path_below(iri.value, facts.root).rpartition("/")[0]
+    return {"action": path_below(drive.value, facts.root), "robot": f"{robot}/"}
 
 
 def _named(facts: Facts, iri: NamedNode, card: Card, title: str) -> Card:

@@ -1,13 +1,16 @@
 """Components on pages, as people use them: a gripper, a tool and a protective stop of simulated robots."""
 
-from collections.abc import Iterator
+import contextlib
+import re
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
-from running import ROOT, process
+from running import ROOT, eventually, process
 from small_fleet import Place, live
+from watched_page import Watched
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
@@ -87,3 +90,50 @@ def test_a_base_is_driven_and_comes_to_rest(page: Page, watched: object, base: s
     do(page, "drive", "0.5")
     expect(card(page, "twist").locator("data").first).to_have_text("0")
     expect(card(page, "pose").locator("data").first).not_to_have_text("0")
+
+
+def pushed(page: Page, push: Callable[[], None], release: Callable[[], None], seen: str) -> None:
+    """Push the stick until the base moves, and release it. On a busy machine it locks until it is released."""
+    figures = page.locator("#drive .figures")
+
+    def moves() -> bool:
+        push()
+        with contextlib.suppress(AssertionError):
+            expect(figures).to_have_text(re.compile(seen), timeout=2_000)
+            return True
+        release()
+        return False
+
+    eventually(moves, "a base that moves")
+    release()
+    expect(figures).to_contain_text("0.00 m/s, 0.00 rad/s")
+
+
+def test_a_base_is_driven_by_hand(page: Page, base: str, watched: Watched) -> None:
+    """By a key, and by the stick itself, until the person lets go."""
+    page.goto(base)
+    drive = page.locator("#drive")
+    drive.get_by_role("button", name="Drive").click()
+    expect(drive.get_by_role("status")).to_contain_text("You drive")
+    pushed(page, lambda: page.keyboard.down("KeyW"), lambda: page.keyboard.up("KeyW"), r"^0\.[1-3]\d m/s, 0\.00 rad/s")
+    stick = drive.locator(".stick").bounding_box()
+    assert stick is not None
+    x, y = stick["x"] + stick["width"] / 2, stick["y"] + stick["height"] / 2
+
+    def turn() -> None:
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(stick["x"], y)
+
+    pushed(page, turn, page.mouse.up, r"^0\.00 m/s, 0\.[1-6]\d rad/s")
+    drive.get_by_role("button", name="Let go").click()
+    expect(drive.get_by_role("status")).to_have_text("You do not drive.")
+
+
+def test_who_may_not_drive_is_told_why(page: Page, base: str, watched: Watched) -> None:
+    robot = base.rpartition("/")[0]
+    page.request.put(robot + "/lease", data={"holder": "Ann", "duration": 60})
+    page.goto(base)
+    page.locator("#drive").get_by_role("button", name="Drive").click()
+    expect(page.locator("#drive").get_by_role("status")).to_contain_text("Ann")
+    watched.forgive("WebSocket connection", "status of 409")
