@@ -39,6 +39,7 @@ _API = {
                           "linked_fleet_agent.components", "linked_fleet_agent.components.component",
                           "linked_fleet_agent.components.call", "linked_fleet_agent.components.schemas",
                           "linked_fleet_agent.components.kinds", "linked_fleet_agent.components.driving",
+                          "linked_fleet_agent.components.path_following", "linked_fleet_agent.path_tracking",
                           "linked_fleet_agent.planar", "linked_fleet_agent.robots.of_components"),
     "Extensions of gateways": contract_modules(),
 }  # fmt: skip

@@ -37,6 +37,11 @@ class Pose(NamedTuple):
         heading = math.remainder(self.heading + angular_rad, math.tau)
         return Pose(self.x + along * cosine - across * sine, self.y + along * sine + across * cosine, heading)
 
+    def error_of(self, other: "Pose") -> tuple[float, float]:
+        """Return how far another pose is away: the distance, and the turn without its sign."""
+        turn = math.remainder(other.heading - self.heading, math.tau)
+        return math.hypot(other.x - self.x, other.y - self.y), abs(turn)
+
 
 @dataclass(frozen=True)
 class DriveLimits:

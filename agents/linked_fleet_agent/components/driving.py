@@ -3,6 +3,7 @@
 import asyncio
 import math
 from abc import abstractmethod
+from collections.abc import Awaitable, Callable
 from inspect import signature
 from typing import Annotated, Any, ClassVar
 
@@ -21,8 +22,10 @@ from linked_fleet_agent.components.kinds import (
     PlanarPose,
     PlanarTwist,
 )
+from linked_fleet_agent.components.path_following import following
 from linked_fleet_agent.components.schemas import unit
 from linked_fleet_agent.components.ticks import Ticks
+from linked_fleet_agent.path_tracking import PathError
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Ramp, Velocity
 from linked_fleet_agent.wire import messages
 from linked_fleet_agent.wire.components import BASE, StreamLimits
@@ -38,8 +41,8 @@ class VelocityBase(Base, blocking=False):
 
     A subclass names its ``limits`` and its ``corners`` (m), and writes ``send`` and ``measure``. A request of
     velocities holds for a second at most; without a new one the base brakes within its limits. A newer request takes
-    over the speed. The velocity is sent in each tick of the agent. The motors must stop by themselves when nothing
-    comes any more, because the process of an agent can end at any time.
+    over the speed. It also follows paths. The velocity is sent in each tick of the agent. The motors must stop by
+    themselves when nothing comes any more, because the process of an agent can end at any time.
     """
 
     name = "mobile_base"  # links are often called "base"
@@ -49,7 +52,10 @@ class VelocityBase(Base, blocking=False):
     def __init_subclass__(cls, *, limits: DriveLimits, **options: Any) -> None:
         super().__init_subclass__(**options)
         cls.limits = limits
-        cls.drive = _drive(limits)  # type: ignore[attr-defined]
+        fastest = Velocity(limits.linear, limits.lateral, limits.angular)
+        stop_s = limits.braking_s(fastest) + _STOP_MARGIN_S
+        cls.drive = _drive(limits, stop_s)  # type: ignore[attr-defined]
+        cls.follow_path = following(limits, stop_s)  # type: ignore[attr-defined]
 
     def __init__(self) -> None:
         self.ramp = Ramp(self.limits)
@@ -117,24 +123,37 @@ class VelocityBase(Base, blocking=False):
 
         One that was opened as a stream drives as its samples say, until it is told to end.
         """
-        if self._ticked_s is None:
-            await self._tick()
-        assert self._ticked_s is not None
-        self._driver = call
-        self.ramp.request(wanted, self._ticked_s + duration_s)
-        try:
+        now_s = await self.tick() if self._ticked_s is None else self._ticked_s
+
+        async def drive() -> None:
+            self.ramp.request(wanted, now_s + duration_s)
             if call.stream is not None:
-                await self._follow(call, call.stream)
+                await self._follow_samples(call, call.stream)
             await self._until_standing(call)
+
+        await self.carry_out(call, drive)
+
+    async def carry_out(self, call: Call[Any], drive: Callable[[], Awaitable[None]]) -> None:
+        """Let a run drive the base. However it ends, the base comes to rest, or a newer run has taken over."""
+        self._driver = call
+        try:
+            await drive()
         except asyncio.CancelledError:
             if call.replaced:
                 await self._until_taken_over(call)
-            if self._driver is call:
-                self.ramp.brake()
-                await self._until_standing(call)
+            await self._come_to_rest(call)
+            raise
+        except PathError:
+            await self._come_to_rest(call)
             raise
 
-    async def _follow(self, call: Call[PlanarTwist], stream: InputStream) -> None:
+    async def _come_to_rest(self, call: Call[Any]) -> None:
+        if self._driver is call:
+            self.ramp.brake()
+        while self._driver is call and not self.ramp.standing:
+            await self.tick()
+
+    async def _follow_samples(self, call: Call[PlanarTwist], stream: InputStream) -> None:
         """Drive as samples say. The ramp brakes by itself when one does not hold any more."""
         self.ramp.brake()
         async for given in stream:
@@ -145,19 +164,24 @@ class VelocityBase(Base, blocking=False):
 
     async def _until_standing(self, call: Call[PlanarTwist]) -> None:
         while self._driver is call and not self.ramp.standing:
-            await self._tick()
+            await self.tick()
             call.feedback(self.twist)
 
-    async def _until_taken_over(self, call: Call[PlanarTwist]) -> None:
+    async def _until_taken_over(self, call: Call[Any]) -> None:
         """Wait for the newer request, which is stopped at times before it begins."""
         for _ in range(_TAKE_OVER_TICKS):
             if self._driver is call:
-                await self._tick()
+                await self.tick()
 
-    async def _tick(self) -> None:
-        """Wait for the next tick. Raises TimeoutError if the agent ticks no more; its end has halted the motors."""
+    async def tick(self) -> float:
+        """Wait for the next tick, and return its time.
+
+        Raises TimeoutError if the agent ticks no more; its end has halted the motors.
+        """
         async with asyncio.timeout(_SILENCE_S):
             await self._ticks.next()
+        assert self._ticked_s is not None
+        return self._ticked_s
 
 
 def planar_base(pose: Pose, velocity: Velocity) -> messages.Base:
@@ -172,7 +196,7 @@ def planar_base(pose: Pose, velocity: Velocity) -> messages.Base:
     )
 
 
-def _drive(limits: DriveLimits) -> Any:
+def _drive(limits: DriveLimits, stop_s: float) -> Any:
     """Return the action with the ranges of its velocities and the time that braking takes."""
 
     async def drive(
@@ -196,7 +220,6 @@ def _drive(limits: DriveLimits) -> Any:
     if not limits.lateral:
         others = [each for each in offered.parameters.values() if each.name != "lateral"]
         drive.__signature__ = offered.replace(parameters=others)  # type: ignore[attr-defined]
-    stop_s = limits.braking_s(fastest) + _STOP_MARGIN_S
     return action(moves=[BASE], duration_s=MOST_S + stop_s, stop_s=stop_s, takes_over=True, stream=StreamLimits())(
         drive
     )

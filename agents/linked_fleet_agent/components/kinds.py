@@ -84,6 +84,26 @@ class Corner(Struct):
     y: Metres
 
 
+_FAR_M = 10_000.0
+_Near = Annotated[float, unit("M"), Meta(ge=-_FAR_M, le=_FAR_M)]
+PathSpeed = Annotated[float, Meta(ge=0.05, le=1, title="Share of the speed of the base")]
+
+
+class PathPose(Struct):
+    """A pose of a path in the odometry frame. Without a heading, the base looks as it comes there."""
+
+    x: _Near
+    y: _Near
+    heading: Annotated[float, unit("RAD"), Meta(title="Heading, counterclockwise")] | None = None
+
+
+class Arrived(Struct, rename="camel"):
+    """The result of a drive to a pose: how far from it the base stands, by its odometry."""
+
+    error: Annotated[float, unit("M"), _between(0), Meta(title="Distance from the pose")]
+    heading_error: Annotated[float, unit("RAD"), _between(0), Meta(title="Error of the heading")]
+
+
 class Gripper(Component, kind=LF + "Gripper", rename="camel"):
     """A gripper.
 
@@ -163,5 +183,6 @@ class Base(Component, kind=LF + "Base", rename="camel", rate_hz=10):
     Write the values ``pose`` (in its odometry frame), ``twist`` and ``footprint`` (corners, counterclockwise), if
     possible ``drive_limits``, without which gateways do not know how it brakes and check no way for collisions, and the
     action ``drive(linear, angular, duration)``, which moves ``BASE``, whose parameters have defaults, and which lasts a
-    second at most. ``linked_fleet_agent.components.driving`` has all of it for a base that takes velocities.
+    second at most. It may have ``follow_path(path, speed) -> Arrived``. ``linked_fleet_agent.components.driving`` has
+    all of it for a base that takes velocities.
     """

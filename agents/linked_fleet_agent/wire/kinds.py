@@ -19,7 +19,7 @@ M = TypeVar("M")
 
 
 class Kind(Struct, frozen=True, kw_only=True):
-    """A kind. Components may lack ``optional`` properties, and have at least one of ``either``, if it names any.
+    """A kind. Components may lack ``optional`` members, and have at least one of ``either``, if it names any.
 
     Actions in ``still`` move nothing, so that they work while nothing may move.
     """
@@ -161,10 +161,29 @@ _BASE = Kind(
                 semantic_type=LF + "Drive",
                 input=_object(linear=_LINEAR, angular=_ANGULAR, duration=_number("driveDuration", "SEC", 0, 1)),
                 moves=(BASE,),
-            )
+            ),
+            "followPath": Action(
+                semantic_type=LF + "FollowPath",
+                input=_object(
+                    "path",
+                    path=Schema(
+                        type="array",
+                        semantic_type=LF + "path",
+                        items=_object("x", "y", x=_X, y=_Y, heading=_HEADING),
+                    ),
+                    speed=_number("speedShare", "", 0, 1),
+                ),
+                result=_object(
+                    "error",
+                    "headingError",
+                    error=_number("positionError", "M", 0),
+                    headingError=_number("headingError", "RAD", 0),
+                ),
+                moves=(BASE,),
+            ),
         },
     ),
-    optional=frozenset({"driveLimits"}),
+    optional=frozenset({"driveLimits", "followPath"}),
 )
 KINDS: Mapping[str, Kind] = {
     each.least.semantic_type: each for each in (_GRIPPER, _BATTERY, _SWITCH, _MODE, _DIAGNOSTICS, _BASE)
@@ -191,7 +210,8 @@ def _problems(kind: Kind, component: Component) -> Iterator[str]:
     for name, action in kind.least.actions.items():
         where, offered = f"a {kind.name} has an action {name!r}", component.actions.get(name)
         if offered is None:
-            yield f"{where}; this one has none"
+            if name not in kind.optional:
+                yield f"{where}; this one has none"
         else:
             yield from _of_action(where, action, offered, is_still=name in kind.still)
     for name, event in kind.least.events.items():

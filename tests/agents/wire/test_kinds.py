@@ -43,6 +43,13 @@ def test_the_least_component_of_a_kind_conforms_and_can_be_declared(kind: str) -
     assert declaration_problem(KINDS[LF + kind].least, (), ()) == ""
 
 
+def test_a_base_may_lack_what_only_some_can_do() -> None:
+    for path in (("actions", "followPath"), ("properties", "driveLimits")):
+        assert kind_problem(changed("Base", path, ABSENT)) == ""
+    other = changed("Base", ("actions", "followPath", "moves"), ["wheel"])
+    assert "an action 'followPath' that moves base" in kind_problem(other)
+
+
 def schema(name: str) -> tuple[str, str, str]:
     return ("properties", name, "schema")
 
@@ -178,8 +185,8 @@ def test_the_blueprint_of_each_kind_requires_the_properties_that_its_components_
                 rf"sh:property \[ sh:path lf:{_local(each)}( ; sh:minCount 1)? ; sh:maxCount 1", shape
             )
             assert required == ["" if name in kind.optional else " ; sh:minCount 1"]
-        if kind.least.actions:
-            assert f"sh:path hybrit:action ; sh:minCount {len(kind.least.actions)} ;" in shape
+        if needed := kind.least.actions.keys() - kind.optional:
+            assert f"sh:path hybrit:action ; sh:minCount {len(needed)} ;" in shape
 
 
 def _local(declared: Property) -> str:
