@@ -203,3 +203,23 @@ def test_a_stream_is_slower_before_a_crate_and_says_why(tiago: Tiago) -> None:
     assert len(shares) > 5, "it becomes slower bit by bit"
     socket.close()
     eventually(lambda: tiago.base.velocity.linear == pytest.approx(0.0, abs=1e-3), "a standstill")
+
+
+def test_a_path_through_a_crate_is_refused_and_one_around_it_is_followed(tiago: Tiago) -> None:
+    put_object(tiago.browser, crate("crate", 1.2, 0, 0.3))
+    url = tiago.url.replace("/drive", "/followPath")
+    x, y, heading = tiago.origin
+
+    def path(*points: tuple[float, float]) -> dict[str, list[dict[str, float]]]:
+        """Return the body for points as the robot sees them from where it began."""
+        cosine, sine = math.cos(heading), math.sin(heading)
+        return {"path": [{"x": x + a * cosine - b * sine, "y": y + a * sine + b * cosine} for a, b in points]}
+
+    tiago.ask("dry-run", linear=0.1)  # the shapes are prepared
+    refused = tiago.browser.http.post(url, json=path((2.4, 0.0)))
+    assert met(refused)
+    answer = tiago.browser.http.post(url, json=path((0.5, 0.9), (1.9, 0.9), (2.4, 0.0)))
+    assert answer.status_code == 204, answer.text
+    page = ended(tiago.browser, answer.headers["location"])
+    assert page.one(LF.state) == LF.succeeded, page.graph.serialize()
+    assert tiago.at[:2] == pytest.approx((2.4, 0.0), abs=0.03)

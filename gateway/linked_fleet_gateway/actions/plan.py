@@ -10,7 +10,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_agent.wire.components import COMPONENTS_VERSION, Operate
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command, Expectation, Follow, Move
 from linked_fleet_gateway.base.errors import Offline
-from linked_fleet_gateway.fleet.driving import Drive
+from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
 from linked_fleet_gateway.fleet.model import Joint, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
@@ -32,8 +32,8 @@ class RobotTime(Struct, frozen=True):
 class Act(Struct, frozen=True):
     """A request to a component of a robot: an action, or a property to set.
 
-    ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion. ``drive`` is what
-    a base does by it, if that is known. ``stream`` opens an action as a stream.
+    ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion. ``drive`` or
+    ``path`` is what a base does by it, if that is known. ``stream`` opens an action as a stream.
     """
 
     component: str
@@ -43,6 +43,7 @@ class Act(Struct, frozen=True):
     moves: tuple[str, ...] = ()
     stream: bool = False
     drive: Drive | None = None
+    path: FollowedPath | None = None
 
     def slowed(self, share: float) -> "Act":
         """Return the request with a share of the speed of its drive."""

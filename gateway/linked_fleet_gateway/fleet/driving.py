@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from msgspec import Struct
 
@@ -12,7 +12,9 @@ PLANE = ("plane x", "plane y", "plane turn")
 """Names of the joints by which checks of motions let a base slide and turn: metre, metre, radian."""
 REACTION_S = 0.15
 """A request may reach the base so late, counted from the measurement for which its way was found free."""
+Point = tuple[float, float]
 _STEP_S = 0.02
+_NO_WAY_M = 1e-4
 _APART_M, _APART_RAD = 0.02, 0.03
 _SLOWEST_M_S, _SLOWEST_RAD_S = 0.02, 0.03
 
@@ -70,6 +72,68 @@ class Drive(Struct, frozen=True):
             linear, lateral, angular = (_STEP_S / 2 * (at + to) for at, to in zip(before, velocity, strict=True))
             pose = pose.moved(linear, angular, lateral)
             yield pose
+
+
+CUT_M = 0.05
+"""By so much a base may cut the corners of a path (docs/COMPONENTS.md)."""
+
+
+class FollowedPath(Struct, frozen=True):
+    """A path in the odometry frame that a base follows. A pose without heading has NaN."""
+
+    poses: tuple[Pose, ...]
+    reverse: bool = False
+    lateral: bool = False
+
+    def ways(self, now: Pose) -> tuple[tuple[Pose, ...], ...]:
+        """Return the way through all poses, and the one that cuts corners, for a base at this pose.
+
+        Between two poses position and heading change evenly.
+        """
+        points = [(now.x, now.y), *((each.x, each.y) for each in self.poses)]
+        through = tuple(relative(each, now) for each in self._along(now, points, self.poses))
+        cut = _cut(points)
+        headings = [*(Pose(x, y, math.nan) for x, y in cut[1:-1]), self.poses[-1]]
+        around = tuple(relative(each, now) for each in self._along(now, cut, headings))
+        return (through,) if self.lateral or len(cut) == len(points) else (through, around)
+
+    def _along(self, now: Pose, points: Sequence[Point], poses: Sequence[Pose]) -> Iterator[Pose]:
+        heading = now.heading
+        for (x, y), target in zip(points, poses, strict=False):
+            if not self.lateral and math.hypot(target.x - x, target.y - y) > _NO_WAY_M:
+                ahead = math.atan2(target.y - y, target.x - x) + (math.pi if self.reverse else 0.0)
+                heading += math.remainder(ahead - heading, math.tau)
+                yield Pose(x, y, heading)
+            elif self.lateral and math.isfinite(target.heading):
+                heading += math.remainder(target.heading - heading, math.tau)
+            yield Pose(target.x, target.y, heading)
+        last = poses[-1]
+        if math.isfinite(last.heading):
+            yield Pose(last.x, last.y, heading + math.remainder(last.heading - heading, math.tau))
+
+
+def relative(pose: Pose, to: Pose) -> Pose:
+    """Return a pose in the frame of another one. Its heading is the difference, which may exceed half a turn."""
+    x, y, cosine, sine = pose.x - to.x, pose.y - to.y, math.cos(to.heading), math.sin(to.heading)
+    return Pose(x * cosine + y * sine, y * cosine - x * sine, pose.heading - to.heading)
+
+
+def _cut(points: Sequence[Point]) -> list[Point]:
+    """Return the points of a path with two in the place of each corner."""
+    found = [points[0]]
+    for before, at, after in zip(points, points[1:], points[2:], strict=False):
+        one, other = math.dist(before, at), math.dist(at, after)
+        if min(one, other) < _NO_WAY_M:
+            found.append(at)
+            continue
+        turn = math.atan2(after[1] - at[1], after[0] - at[0]) - math.atan2(at[1] - before[1], at[0] - before[0])
+        far = min(CUT_M / max(math.cos(math.remainder(turn, math.tau) / 2.0), 0.1), one / 2.0, other / 2.0)
+        found += [_toward(at, before, far / one), _toward(at, after, far / other)]
+    return [*found, points[-1]]
+
+
+def _toward(start: Point, end: Point, share: float) -> Point:
+    return start[0] + share * (end[0] - start[0]), start[1] + share * (end[1] - start[1])
 
 
 def _sparse(poses: Iterator[Pose]) -> Iterator[Pose]:

@@ -1,17 +1,18 @@
 """The motion that a request to a component makes."""
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
 import msgspec
 from msgspec.structs import replace
 
-from linked_fleet_agent.planar import DriveLimits, Velocity
+from linked_fleet_agent.planar import DriveLimits, Pose, Velocity
 from linked_fleet_gateway.api import ActionRequest, Motion
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer, InputBody
 from linked_fleet_gateway.extensions.components.part import ComponentPart
 from linked_fleet_gateway.extensions.components.terms import LF
-from linked_fleet_gateway.fleet.driving import Drive
+from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
 from linked_fleet_gateway.serving import Act
 
 _BASE = LF.extended("Base").Base.value
@@ -27,8 +28,22 @@ def plan(offer: ComponentOffer, request: ActionRequest) -> Motion:
         offer.of_property,
         () if declared is None else declared.moves,
         drive=drive_of(offer.part, offer.of_action, value),
+        path=_path_of(offer.part, offer.of_action, value),
     )
     return Motion(request.required_robot(), act, {}, request.required_time())
+
+
+def _path_of(part: ComponentPart, action: str, given: Mapping[str, Any]) -> FollowedPath | None:
+    """Return the path that a base follows; None for another action."""
+    if action != "followPath" or part.declared.semantic_type != _BASE:
+        return None
+    most = part.state.value("driveLimits") or {}
+    poses = tuple(Pose(each["x"], each["y"], _number(each.get("heading"))) for each in given["path"])
+    return FollowedPath(poses, bool(given.get("reverse")), bool(most.get("lateral")))
+
+
+def _number(given: float | None) -> float:
+    return math.nan if given is None else given
 
 
 def stream(offer: ComponentOffer, request: ActionRequest) -> Motion:

@@ -25,7 +25,7 @@ from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
-from linked_fleet_gateway.extensions.world.driving import Driving, drives, valid_until_ns, velocity_of
+from linked_fleet_gateway.extensions.world.driving import Driving, drives, odometry_of, valid_until_ns, velocity_of
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
 from linked_fleet_gateway.extensions.world.messages import (
@@ -49,12 +49,12 @@ from linked_fleet_gateway.extensions.world.placement import (
     placement_of,
     pose_in_world,
 )
-from linked_fleet_gateway.extensions.world.plane import AT_REST
+from linked_fleet_gateway.extensions.world.plane import AT_REST, legs_of
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.faces import View, unchecked_links
-from linked_fleet_gateway.fleet.driving import Drive
+from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
@@ -183,7 +183,7 @@ class Checks:
         The finding is not free if the robot has no placement. Raises Collides, UncheckedLinks; Unchecked, also if too
         many wait.
         """
-        if not has_placement(motion.robot) or (isinstance(act := motion.motion, Act) and act.drive is None):
+        if not has_placement(motion.robot) or _way_is_unknown(motion):
             return Finding(False)
         if self._waiting >= MOST_WAITING:
             raise Unchecked(f"{MOST_WAITING} motions are being checked; try again.")
@@ -213,9 +213,8 @@ class Checks:
     async def _check(self, motion: Motion, sees: View, own: str) -> Finding:
         # Nothing is awaited between the next two steps, so that no robot that has come meanwhile is left out.
         robots = self._prepared_around(motion.robot, sees)
-        if isinstance(motion.motion, Act):
-            assert motion.motion.drive is not None
-            return await self._check_drive(motion.robot, motion.motion.drive, robots, sees, own)
+        if isinstance(act := motion.motion, Act) and act.drive is not None:
+            return await self._check_drive(motion.robot, act.drive, robots, sees, own)
         question = self._question(motion, robots, sees, own)
         return self._finding(motion.robot, await self._checker.ask(question, _ANSWER_S))
 
@@ -307,15 +306,24 @@ class Checks:
     # -- the question -----------------------------------------------------------------------------------------------
 
     def _question(self, motion: Motion, robots: list[Robot], sees: View, own: str) -> Check:
-        assert not isinstance(motion.motion, Act)  # its path is not known, so that nobody asks
         robot = motion.robot
+        if isinstance(moved := motion.motion, Act):
+            return self._followed(robot, moved.path, robots, sees, own)
         start = _positions(robot)
         if missing := [name for name in motion.targets if name not in start]:
             raise Unchecked(
                 f"It is unknown if {robot.name} would collide, because the place of {missing[0]} is unknown."
             )
-        paths = paths_of(motion.motion, start, self._underway(robot, own))
+        paths = paths_of(moved, start, self._underway(robot, own))
         return self._checking(robot, paths, robots, sees)
+
+    def _followed(self, robot: Robot, path: FollowedPath | None, robots: list[Robot], sees: View, own: str) -> Check:
+        here = odometry_of(robot)
+        if path is None or here is None:
+            raise Unchecked(f"It is unknown if {robot.name} would collide, because its way is unknown.")
+        start, elsewhere = _positions(robot), self._underway(robot, own)
+        ways = [paths_along(legs_of(way), start, elsewhere) for way in path.ways(here)]
+        return self._checking(robot, tuple(each for paths in ways for each in paths), robots, sees)
 
     def _driven(self, robot: Robot, drive: Drive, robots: list[Robot], sees: View, own: str) -> Check:
         now, before = velocity_of(robot), self._driving.wanted(robot)
@@ -345,6 +353,10 @@ class Checks:
             if invocation.id != own:
                 ends |= invocation.targets
         return ends | self._driving.ends(robot)
+
+
+def _way_is_unknown(motion: Motion) -> bool:
+    return isinstance(act := motion.motion, Act) and act.drive is None and act.path is None
 
 
 def _name(robot: Robot, sees: View) -> str:

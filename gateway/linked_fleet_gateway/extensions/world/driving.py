@@ -23,14 +23,23 @@ def drives(robot: Robot) -> bool:
 
 def velocity_of(robot: Robot) -> Velocity:
     """Return the measured velocity in the frame of the base; of an unknown one, standing."""
-    base = None if robot.frame is None else robot.frame.base
-    if base is None or not all(map(math.isfinite, (*base.linear_m_s, *base.angular_rad_s, *base.orientation_xyzw))):
+    base, pose = None if robot.frame is None else robot.frame.base, odometry_of(robot)
+    if base is None or pose is None or not all(map(math.isfinite, (*base.linear_m_s, *base.angular_rad_s))):
         return STANDING
-    x, y, z, w = base.orientation_xyzw
-    heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    heading = pose.heading
     cosine, sine = math.cos(heading), math.sin(heading)
     forward, left, _ = base.linear_m_s
     return Velocity(forward * cosine + left * sine, left * cosine - forward * sine, base.angular_rad_s[2])
+
+
+def odometry_of(robot: Robot) -> Pose | None:
+    """Return where the base is in its odometry frame; None if that is unknown."""
+    base = None if robot.frame is None else robot.frame.base
+    if base is None or not all(map(math.isfinite, (*base.position_m, *base.orientation_xyzw))):
+        return None
+    x, y, z, w = base.orientation_xyzw
+    heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+    return Pose(base.position_m[0], base.position_m[1], heading)
 
 
 def valid_until_ns(robot: Robot) -> int:

@@ -40,8 +40,11 @@ def positions_of(pose: Pose) -> Positions:
     return dict(zip(PLANE, pose, strict=True))
 
 
+def legs_of(way: tuple[Pose, ...]) -> tuple[PathSegment, ...]:
+    return tuple(PathSegment(positions_of(pose)) for pose in way)
+
+
 def driven_paths(driven: DrivenWay) -> Iterator[MotionPath]:
     """Yield the paths of the joints of the plane, and of others that move meanwhile."""
     for way in driven.drive.ways(driven.now, driven.before):
-        legs = tuple(PathSegment(positions_of(pose)) for pose in way)
-        yield from paths_along(legs, driven.start, driven.elsewhere)
+        yield from paths_along(legs_of(way), driven.start, driven.elsewhere)

@@ -1,0 +1,57 @@
+"""The ways of bases: where a drive and a path take them."""
+
+import math
+
+import pytest
+
+from linked_fleet_agent.planar import DriveLimits, Pose, Velocity
+from linked_fleet_gateway.fleet.driving import CUT_M, REACTION_S, Drive, FollowedPath
+
+LIMITS = DriveLimits(linear=1.0, angular=1.5, linear_acceleration=1.0, angular_acceleration=2.0)
+NO_HEADING = math.nan
+
+
+def test_a_drive_ends_where_the_base_has_braked() -> None:
+    at_once, *others = Drive(Velocity(0.5), 1.0, LIMITS).ways(Velocity(0.5))
+    assert at_once[-1] == pytest.approx((0.5 * 1.02 + 0.125, 0.0, 0.0), abs=0.015)
+    assert max(way[-1].x for way in others) == pytest.approx(at_once[-1].x + 0.5 * REACTION_S, abs=0.02)
+
+
+def test_headings_of_a_drive_go_on_beyond_half_a_turn() -> None:
+    way = Drive(Velocity(0.0, 0.0, 1.5), 4.0, LIMITS).ways(Velocity(0.0, 0.0, 1.5))[0]
+    assert way[-1].heading > 2 * math.pi - 0.5
+
+
+def test_a_share_that_fits_needs_that_share_of_the_way() -> None:
+    drive = Drive(Velocity(1.0), 1.0, LIMITS)
+    whole = drive.ways(Velocity(1.0))[-1][-1].x
+    share = drive.fitting_share(0.5)
+    slower = drive.slowed(share)
+    assert slower.ways(slower.velocity)[-1][-1].x == pytest.approx(0.5 * whole, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("path", "said"),
+    [
+        (FollowedPath((Pose(1, 0, NO_HEADING),)), [(0, 0, 0), (1, 0, 0)]),
+        (FollowedPath((Pose(0, 1, NO_HEADING),)), [(0, 0, math.pi / 2), (0, 1, math.pi / 2)]),
+        (FollowedPath((Pose(-1, 0, NO_HEADING),), reverse=True), [(0, 0, 0), (-1, 0, 0)]),
+        (FollowedPath((Pose(1, 0, -1.0),)), [(0, 0, 0), (1, 0, 0), (1, 0, -1.0)]),
+        (FollowedPath((Pose(0, 1, 0.5),), lateral=True), [(0, 1, 0.5), (0, 1, 0.5)]),
+    ],
+)
+def test_a_path_turns_drives_and_turns(path: FollowedPath, said: list[tuple[float, float, float]]) -> None:
+    (way,) = path.ways(Pose())
+    assert [tuple(each) for each in way] == [pytest.approx(each, abs=1e-9) for each in said]
+
+
+def test_a_path_is_seen_from_where_the_base_is() -> None:
+    (way,) = FollowedPath((Pose(1, 2, NO_HEADING),)).ways(Pose(1, 1, math.pi / 2))
+    assert way[-1] == pytest.approx((1, 0, 0), abs=1e-9)
+
+
+def test_a_corner_is_also_cut() -> None:
+    through, around = FollowedPath((Pose(1, 0, NO_HEADING), Pose(1, 1, NO_HEADING))).ways(Pose())
+    assert (1.0, 0.0) in [(round(x, 6), round(y, 6)) for x, y, _ in through]
+    near = min(math.dist((x, y), (1, 0)) for x, y, _ in around)
+    assert near == pytest.approx(CUT_M * math.sqrt(2), abs=1e-6), "the chord is 5 cm from the corner"
