@@ -13,6 +13,7 @@ import pytest
 from browser import HYBRIT, Browser
 from commanding import PREFIXES, TURTLE, begun, ended
 from commands import pose_body
+from floor_maps import yaml
 from mcp_client import BOTH, VERSION
 from rules_client import a_rule
 from small_fleet import Place as AtPorts
@@ -95,6 +96,10 @@ class Place:
             return _UPDATE, "application/sparql-update"
         if write.name == "reach":
             return PREFIXES + pose_body(f"{self.browser.root}ur5/tool0", (0.3, 0.3, 0.4)), "text/turtle"
+        if write.name == "map":
+            files = {"yaml": ("floor.yaml", yaml()), "image": ("floor.pgm", b"P2 2 1 255 254 0")}
+            form = httpx.Request("PUT", write.url, files=files)
+            return form.read().decode(), form.headers["content-type"]
         if write.name in self.examples:
             return self.examples[write.name], "application/json"
         turtle = {

@@ -6,6 +6,8 @@ from html.parser import HTMLParser
 
 from rdflib import RDF, BNode, Graph, Literal, URIRef
 
+from browser import LF
+
 _VOID = {"area", "base", "br", "col", "embed", "hr", "img", "input", "link", "meta", "source", "track", "wbr"}
 _CONTROLS = ("input", "select", "textarea")
 
@@ -129,6 +131,8 @@ def _chosen(control: Element) -> str:
     if control.tag != "select":
         return control["value"]
     options = [each for each in control.all("option") if each["value"]]
+    if control["data-path"] == str(LF.ofJoint):
+        return options[len(options) // 2]["value"]  # one that turns, on every robot: degrees come first among units
     return next((each["value"] for each in options if "selected" in each.attributes), options[0]["value"])
 
 

@@ -152,7 +152,7 @@ def router_access_control(keys: Keys, agents: Mapping[str, Iterable[str] | None]
         name = common_name(agent)
         access.grant(f"agent {name}", [name], "ingress", (*_PUBLISHING, "liveliness_query"), own)
         heard = [keys.robot(robot, "sample") for robot in robots] if robots is not None else [keys.all_samples]
-        access.grant(f"agent {name} hears", [name], "ingress", ["declare_subscriber"], heard)
+        access.grant(f"samples to agent {name}", [name], "ingress", ["declare_subscriber"], heard)
     return access.value
 
 

@@ -41,7 +41,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Positions,
     UncheckedNear,
 )
-from linked_fleet_gateway.extensions.world.path import paths_along
+from linked_fleet_gateway.extensions.world.other_motions import paths_along
 from linked_fleet_gateway.extensions.world.placement import (
     LF,
     accepts_unchecked,

@@ -55,24 +55,6 @@ class Path:
         return Path(self.joints, positions((begun + np.arange(_FINER + 1) / _FINER) / count))
 
 
-def paths_along(
-    legs: tuple[PathSegment, ...], start: Positions, elsewhere: Mapping[str, float]
-) -> tuple[MotionPath, ...]:
-    """Return the paths along ``legs``, whose last one names all joints that move."""
-    own = legs[-1].ends
-    meanwhile = {name: end for name, end in elsewhere.items() if name not in own and name in start}
-    ways = (MotionPath(start, legs),)
-    if not meanwhile:
-        return ways
-    along = tuple(_beside(leg, (i + 1) / len(legs), start, meanwhile) for i, leg in enumerate(legs))
-    return (*ways, MotionPath(start | meanwhile, legs), MotionPath(start, along))
-
-
-def _beside(leg: PathSegment, share: float, start: Positions, meanwhile: Mapping[str, float]) -> PathSegment:
-    there = {name: start[name] + share * (end - start[name]) for name, end in meanwhile.items()}
-    return PathSegment(leg.ends | there)
-
-
 def path_of(robot: Robot, way: MotionPath, joints: Sequence[str], weights: Array) -> Path:
     """Return the path of the moving ``joints``. A row of ``weights`` bounds the approach of a pair per joint motion.
 
