@@ -1,4 +1,4 @@
-# make demo    five simulated robots and the gateway, browsable at one address (PORT=8000)
+# make demo    six simulated robots and the gateway, browsable at one address (PORT=8000)
 # make test    the tests (PYTEST_ARGS="-k wire" for some of them)
 # make test-extension  the tests of one extension, in a minute (NAME=world)
 # make test-all  everything: clusters, long histories, fuzzing, an hour of faults, the compose fleet (LONG_ARGS="-k histories")

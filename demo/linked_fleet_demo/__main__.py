@@ -1,4 +1,4 @@
-"""``python -m linked_fleet_demo``: runs a gateway and the agents of five simulated robots, until Ctrl-C."""
+"""``python -m linked_fleet_demo``: runs a gateway and the agents of six simulated robots, until Ctrl-C."""
 
 import signal
 import sys

@@ -20,12 +20,13 @@ from types import FrameType
 from linked_fleet_demo.child import SIGNALS, Child, print_line, signals_held_back
 from linked_fleet_demo.state import own_folder
 
-ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2")
+ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2", "pmb2")
 SWAYING = "ur5:shoulder_pan_joint"
-# Side by side, all facing along x: position of the root link frame in metre; for the go2 that of its odometry frame.
+# Side by side, all facing along x; the transport base in front, out of reach of all arms. Positions of the root link
+# frame in metre; for the go2 that of its odometry frame.
 PLACES = {
     "tiago": (0.0, -2.4, 0.0), "baxter": (0.0, 0.0, 0.93), "ur5": (0.0, 2.4, 0.0), "panda": (0.0, 4.0, 0.0),
-    "go2": (0.0, -4.0, 0.0),
+    "go2": (0.0, -4.0, 0.0), "pmb2": (2.0, -1.2, 0.0),
 }  # fmt: skip
 HOST = "127.0.0.1"
 _READY_TIMEOUT_S = 30.0  # after this the address is printed although robots are missing
@@ -250,7 +251,7 @@ def _ignore_signals() -> None:
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(prog="linked-fleet demo", description="Five simulated robots and their gateway.")
+    parser = argparse.ArgumentParser(prog="linked-fleet demo", description="Six simulated robots and their gateway.")
     parser.add_argument("--port", type=int, default=8000, help="port of the gateway on loopback")
     parser.add_argument(
         "--redis-url",

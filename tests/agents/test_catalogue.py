@@ -8,7 +8,8 @@ import rdflib
 from rdflib import DCTERMS, Namespace, URIRef
 
 from linked_fleet_agent.robot import JointFacts, Limits
-from linked_fleet_agent.robots.catalogue import MODELS, Model, facts_of, load, poses_of
+from linked_fleet_agent.robots.catalogue import MODELS, Model, facts_of, load, poses_of, urdf_of
+from linked_fleet_agent.urdf import RobotModel, UrdfError
 from linked_fleet_agent.wire.keys import unescape
 
 LF = Namespace("https://w3id.org/linked-fleet#")
@@ -30,7 +31,7 @@ def _said(annotations: str) -> dict[str, dict[str, tuple[float, URIRef]]]:
     return found
 
 
-@pytest.mark.parametrize("source", sorted(MODELS))
+@pytest.mark.parametrize("source", sorted(name for name, model in MODELS.items() if model.home))
 def test_the_annotations_name_the_poses_with_their_units_and_within_the_limits(source: str) -> None:
     facts = load(source, source).describe()
     joints = {joint.name: joint for joint in facts.joints}
@@ -71,3 +72,21 @@ def test_a_file_of_somebody_s_own_has_no_named_pose(tmp_path: Path) -> None:
     file = tmp_path / "door.urdf"
     file.write_text('<robot name="door"><link name="frame"/></robot>')
     assert not _said(facts_of(Model(str(file), "door", "c"), file.read_text()).annotations)
+
+
+def test_the_transport_base_is_cut_out_of_the_file_of_tiago() -> None:
+    """Its description is small, and has all that hangs on the base without the torso and what is above."""
+    facts, whole = load("cart", "pmb2").describe(), RobotModel.parse(load("t", "tiago").describe().urdf)
+    cut = RobotModel.parse(facts.urdf)
+    assert cut.name == "cart"
+    assert len(facts.urdf) < 20_000
+    assert {name for name in whole.links if "caster" in name or "wheel" in name or "base" in name} <= cut.links.keys()
+    assert not [name for name in cut.links if "torso" in name or "arm" in name or "head" in name]
+    assert [joint.name for joint in facts.joints if not joint.passive] == []
+    assert facts.meshes, "its meshes are found"
+    assert cut.joints["wheel_left_joint"].origin == whole.joints["wheel_left_joint"].origin
+
+
+def test_a_file_that_has_not_the_joint_to_cut_at_is_refused() -> None:
+    with pytest.raises(UrdfError, match="it has no joint 'neck', at which this robot is cut out of it"):
+        urdf_of(Model("f", "t", "c", cut_at=("neck",)), '<robot name="r"><link name="a"/></robot>', "r")

@@ -16,6 +16,12 @@ def robot(request: pytest.FixtureRequest) -> Robot:
     return load(request.param, request.param)
 
 
+@pytest.fixture(params=sorted(name for name, model in MODELS.items() if model.home))
+def jointed(request: pytest.FixtureRequest) -> Robot:
+    """Return each robot with joints that take commands."""
+    return load(request.param, request.param)
+
+
 def _run(robot: Robot, begin_s: float, seconds: float) -> list[float]:
     """Advance and return the last positions."""
     positions: tuple[float, ...] = ()
@@ -41,25 +47,25 @@ def test_holds_its_pose_against_gravity(robot: Robot) -> None:
     assert _run(robot, 0.0, 2.0) == pytest.approx(start, abs=5e-3)
 
 
-def test_apply_reaches_its_target_and_stop_holds(robot: Robot) -> None:
+def test_apply_reaches_its_target_and_stop_holds(jointed: Robot) -> None:
     """A small step is reached and returned, and stop keeps it."""
-    facts, start = robot.describe(), _run(robot, 0.0, 0.0)
+    facts, start = jointed.describe(), _run(jointed, 0.0, 0.0)
     index = next(i for i, joint in enumerate(facts.joints) if not (joint.mimics or joint.linear or joint.passive))
     joint = facts.joints[index]
     target = joint.limits.clamp(start[index] + 0.05)
-    assert robot.apply({joint.name: target}) == {joint.name: target}
-    assert _run(robot, 0.0, 2.0)[index] == pytest.approx(target, abs=5e-3)
-    robot.stop()
-    robot.stop()
-    assert _run(robot, 2.0, 1.0)[index] == pytest.approx(target, abs=5e-3)
+    assert jointed.apply({joint.name: target}) == {joint.name: target}
+    assert _run(jointed, 0.0, 2.0)[index] == pytest.approx(target, abs=5e-3)
+    jointed.stop()
+    jointed.stop()
+    assert _run(jointed, 2.0, 1.0)[index] == pytest.approx(target, abs=5e-3)
 
 
-def test_apply_says_what_the_limits_left(robot: Robot) -> None:
+def test_apply_says_what_the_limits_left(jointed: Robot) -> None:
     """The driver itself clamps a setpoint to its limit; a setpoint that is no number is refused."""
-    joint = next(j for j in robot.describe().joints if j.mimics is None and j.limits.upper is not None)
-    assert robot.apply({joint.name: 1e9}) == {joint.name: joint.limits.upper}
+    joint = next(j for j in jointed.describe().joints if j.mimics is None and j.limits.upper is not None)
+    assert jointed.apply({joint.name: 1e9}) == {joint.name: joint.limits.upper}
     with pytest.raises(ValueError, match=joint.name):
-        robot.apply({joint.name: math.nan})
+        jointed.apply({joint.name: math.nan})
 
 
 def test_apply_leaves_a_joint_outside_its_limits_where_it_stands() -> None:

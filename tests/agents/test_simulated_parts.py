@@ -32,6 +32,7 @@ KINDS = {
     "panda": {"gripper": "Gripper"},
     "ur5": {"tool": "Switch"},
     "tiago": {"battery": "Battery", "mobile_base": "Base"},
+    "pmb2": {"battery": "Battery", "mobile_base": "Base"},
     "go2": {"battery": "Battery"},
 }
 

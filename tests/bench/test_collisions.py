@@ -4,8 +4,7 @@ import math
 
 import pytest
 
-from bench.collisions import Scene, Trial
-from linked_fleet_agent.robots.catalogue import MODELS
+from bench.collisions import ARMS, Scene, Trial
 from linked_fleet_gateway.extensions.world.messages import CollisionFound, Free
 
 SEED, COUNT = 5, 6
@@ -17,7 +16,7 @@ def scene() -> Scene:
 
 
 @pytest.mark.test_all
-@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize("name", ARMS)
 def test_no_contact_is_passed_and_nothing_is_refused_without_one(scene: Scene, name: str) -> None:
     trial = Trial(scene, name, SEED)
     for _ in range(COUNT):

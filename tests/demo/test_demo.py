@@ -32,8 +32,8 @@ def demo(tmp_path: Path) -> Iterator[Demo]:
         demo.process.wait()
 
 
-ROBOTS = {"baxter", "ur5", "panda", "tiago", "go2"}
-PROCESSES = 7  # the demo, the gateway, and an agent for each robot
+ROBOTS = {"baxter", "ur5", "panda", "tiago", "go2", "pmb2"}
+PROCESSES = 8  # the demo, the gateway, and an agent for each robot
 pytestmark = [
     pytest.mark.processes,
     pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc"),
@@ -58,7 +58,7 @@ def _has_the_figures(demo: Demo) -> None:
 
 
 def test_the_demo_starts_serves_and_ends_on_ctrl_c(demo: Demo) -> None:
-    eventually(lambda: demo.robots_online() == 5, "five robots online")
+    eventually(lambda: demo.robots_online() == 6, "six robots online")
     eventually(lambda: f"The fleet is at http://127.0.0.1:{demo.port}/" in demo.output, "the root's address is printed")
     _turns_what_it_says(demo)
     _has_the_figures(demo)
@@ -141,11 +141,11 @@ def test_each_robot_has_an_agent_of_its_own(demo: Demo) -> None:
     _ready(demo)
     assert set(demo.agents()) == ROBOTS
     os.kill(demo.agents()["panda"], signal.SIGKILL)
-    eventually(lambda: demo.robots_online() == 4, "one robot is offline")
+    eventually(lambda: demo.robots_online() == 5, "one robot is offline")
     said = eventually(lambda: re.search(r"The panda process has ended .* again:\n  (.*)\n", demo.output), demo.output)
     again = subprocess.Popen(shlex.split(said[1]), stderr=subprocess.DEVNULL)
     try:
-        eventually(lambda: demo.robots_online() == 5, "five robots online")
+        eventually(lambda: demo.robots_online() == 6, "six robots online")
     finally:
         again.kill()
         again.wait()
@@ -159,8 +159,8 @@ def test_the_demo_starts_without_the_redis_that_the_user_names(tmp_path: Path) -
     try:
         _ready(demo)
         assert "Redis is unavailable" in demo.output
-        assert "5 of 5 robots could not be placed in the world" in demo.output
-        assert demo.robots_online() == 5
+        assert "6 of 6 robots could not be placed in the world" in demo.output
+        assert demo.robots_online() == 6
         server.start()
         eventually(lambda: _position(demo, "panda") == "4.0", "the robots are placed")
         assert demo.interrupt() in (0, 130)

@@ -98,12 +98,12 @@ class Demo:
 
 @contextlib.contextmanager
 def running_demo(folder: Path, *arguments: str) -> Iterator[Demo]:
-    """Run the demo, with five robots that send frames."""
+    """Run the demo, with six robots that send frames."""
     demo = Demo(folder, *arguments)
     try:
         eventually(lambda: "The fleet is at" in demo.output, lambda: demo.output)
         with contextlib.closing(Browser(demo.root)) as browser:
-            eventually(lambda: all_live(browser, 5), "five robots that send frames")
+            eventually(lambda: all_live(browser, 6), "six robots that send frames")
         yield demo
     finally:
         demo.kill()

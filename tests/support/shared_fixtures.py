@@ -1,4 +1,4 @@
-"""Fixtures of all tests: virtual time, and a fleet of five simulated robots and a gateway."""
+"""Fixtures of all tests: virtual time, and a fleet of five simulated robots with joints that move and a gateway."""
 
 import asyncio
 import contextlib
@@ -89,7 +89,7 @@ class RunningFleet:
 def fleet(
     _virtual: None, request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
 ) -> Iterator[RunningFleet]:
-    """Run a gateway and all five robots, or those named in ``ROBOTS`` of the test file."""
+    """Run a gateway and all robots of ``ROBOTS`` here, or those named in ``ROBOTS`` of the test file."""
     names = getattr(request.module, "ROBOTS", ROBOTS)
     port, zenoh = free_port(), f"tcp/127.0.0.1:{free_port()}"
     state = ("--state-dir", str(tmp_path_factory.mktemp("state")), "--callback-allow", "127.0.0.0/8")

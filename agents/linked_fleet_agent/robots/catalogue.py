@@ -14,7 +14,9 @@ from linked_fleet_agent.robot import Facts, JointFacts, Robot
 from linked_fleet_agent.robots.camera_client import probe, with_availability
 from linked_fleet_agent.robots.parts import NO_PARTS, BasePart, BatteryPart, FingersPart, Parts, ToolPart, corners_of
 from linked_fleet_agent.robots.ros2.address import SCHEME, Address, AddressError, parse_address
-from linked_fleet_agent.urdf import UrdfError, decode, joints_of
+from linked_fleet_agent.urdf import RobotModel, UrdfError, decode, joints_of
+from linked_fleet_agent.urdf.cutting import without
+from linked_fleet_agent.urdf.writer import plain_urdf
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.messages import Camera
 
@@ -29,7 +31,8 @@ class UnavailableError(Exception):
 class Model:
     """A demonstration robot: its file in example-robot-data, its title, its pose at the start (rad or m; others 0).
 
-    ``poses`` are further named poses, which may omit joints.
+    ``poses`` are further named poses, which may omit joints. ``cut_at`` names joints at which the file is cut, so that
+    the robot lacks all that hangs on them.
     """
 
     file: str
@@ -41,6 +44,7 @@ class Model:
     home_height_m: float = 0.0
     cameras: tuple[Camera, ...] = ()
     parts: Parts = NO_PARTS
+    cut_at: tuple[str, ...] = ()
 
 
 def _legs(hip_rad: float, thigh_rad: float, calf_rad: float) -> dict[str, float]:
@@ -172,6 +176,14 @@ MODELS: Mapping[str, Model] = {
         cameras=(_camera("head", "xtion_rgb_optical_frame"),),
         parts=Parts(base=_PMB2, battery=BatteryPart(capacity_wh=720.0, idle_w=60.0, charger_w=300.0)),
     ),
+    "pmb2": Model(
+        "tiago_description/robots/tiago.urdf",
+        "PMB-2, a transport base",
+        "The wheeled base of TIAGo without torso and arm. Its top is flat and can carry a box.",
+        floating=True,
+        parts=Parts(base=_PMB2, battery=BatteryPart(capacity_wh=720.0, idle_w=40.0, charger_w=300.0)),
+        cut_at=("torso_fixed_joint", "torso_fixed_column_joint"),
+    ),
     "go2": Model(
         "go2_description/urdf/go2.urdf",
         "Go2, a walking robot with four legs",
@@ -212,6 +224,16 @@ def data_folder() -> Path:
         if folder.is_dir():
             return folder
     raise UnavailableError("the package example-robot-data is missing: pip install 'linked-fleet-agent[sim]'")
+
+
+def urdf_of(model: Model, text: str, name: str) -> str:
+    """Return the description of a model from the text of its file. Raises UrdfError."""
+    if not model.cut_at:
+        return text
+    try:
+        return plain_urdf(without(RobotModel.parse(text), model.cut_at, name))
+    except KeyError as error:
+        raise UrdfError(f"it has no joint {error}, at which this robot is cut out of it") from error
 
 
 def facts_of(model: Model, urdf: str) -> Facts:
@@ -280,7 +302,7 @@ def _simulate(name: str, model: Model, path: Path, roots: MeshRoots) -> Robot:
             f"simulated robots need MuJoCo ({error}): pip install 'linked-fleet-agent[sim]'"
         ) from error
     try:
-        facts = facts_of(model, decode(path.read_bytes(), f"{name}: {path.name}"))
+        facts = facts_of(model, urdf_of(model, decode(path.read_bytes(), f"{name}: {path.name}"), name))
         facts = replace(facts, meshes=mesh_files(facts.urdf, path, roots, name))
         way, reason = ("", "") if sight is None else sight.result
         facts = replace(facts, cameras=with_availability(model.cameras, reason))

@@ -15,7 +15,7 @@ GROUP = "linked_fleet.commands"
 
 _ABOUT = {
     "agent": "Connect robots to a fleet",
-    "demo": "Run five simulated robots and a gateway",
+    "demo": "Run six simulated robots and a gateway",
     "doctor": "Check what a gateway needs here, and say what is wrong",
     "gateway": "Serve a fleet",
 }

@@ -5,7 +5,7 @@ from xml.etree import ElementTree
 
 import pytest
 
-from linked_fleet_agent.robots.catalogue import MODELS, data_folder
+from linked_fleet_agent.robots.catalogue import MODELS, data_folder, urdf_of
 from linked_fleet_gateway.extensions.models.geometry import urdf_with_mesh_addresses
 from linked_fleet_gateway.fleet.model import ModelError, RobotModel
 
@@ -77,7 +77,7 @@ def test_xml_with_a_doctype_is_refused(urdf: str) -> None:
 
 @pytest.mark.parametrize("name", sorted(MODELS))
 def test_real_robots_keep_their_kinematics(name: str) -> None:
-    urdf = (data_folder() / MODELS[name].file).read_text()
+    urdf = urdf_of(MODELS[name], (data_folder() / MODELS[name].file).read_text(), name)
     before, after = RobotModel.parse(urdf), RobotModel.parse(urdf_with_mesh_addresses(urdf, {}).decode())
     assert list(before.joints) == list(after.joints)
     for old, new in zip(before.joints.values(), after.joints.values(), strict=True):
