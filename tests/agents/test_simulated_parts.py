@@ -33,14 +33,14 @@ KINDS = {
     "ur5": {"tool": "Switch"},
     "tiago": {"battery": "Battery", "mobile_base": "Base"},
     "pmb2": {"battery": "Battery", "mobile_base": "Base"},
-    "go2": {"battery": "Battery"},
+    "go2": {"battery": "Battery", "mobile_base": "Base"},
 }
 
 
 @pytest.mark.parametrize("source", sorted(MODELS))
 def test_each_robot_declares_its_parts_and_the_simulation(source: str) -> None:
     bench = Simulated(source)
-    links = {"panda_hand", "left_gripper_base_link", "right_gripper_base_link", "tool0", "base_footprint"}
+    links = {"panda_hand", "left_gripper_base_link", "right_gripper_base_link", "tool0", "base_footprint", "base"}
     said = codec.decode(bench.agent.description, DescriptionWithComponents)
     declared, refused = read_declarations(said.components, links, said.joints)
     assert refused == []

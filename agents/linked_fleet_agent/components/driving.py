@@ -3,7 +3,7 @@
 import asyncio
 import math
 from abc import abstractmethod
-from collections.abc import Awaitable, Callable
+from collections.abc import Awaitable, Callable, Sequence
 from inspect import signature
 from typing import Annotated, Any, ClassVar
 
@@ -43,19 +43,24 @@ class VelocityBase(Base, blocking=False):
     velocities holds for a second at most; without a new one the base brakes within its limits. A newer request takes
     over the speed. It also follows paths. The velocity is sent in each tick of the agent. The motors must stop by
     themselves when nothing comes any more, because the process of an agent can end at any time.
+
+    ``moves`` are joints that move with the base, such as those of legs, and ``settles_s`` is the time that it takes to
+    come to rest after its velocity is zero.
     """
 
     name = "mobile_base"  # links are often called "base"
     limits: ClassVar[DriveLimits]
     corners: ClassVar[tuple[tuple[float, float], ...]]
 
-    def __init_subclass__(cls, *, limits: DriveLimits, **options: Any) -> None:
+    def __init_subclass__(
+        cls, *, limits: DriveLimits, moves: Sequence[str] = (BASE,), settles_s: float = 0.0, **options: Any
+    ) -> None:
         super().__init_subclass__(**options)
         cls.limits = limits
         fastest = Velocity(limits.linear, limits.lateral, limits.angular)
-        stop_s = limits.braking_s(fastest) + _STOP_MARGIN_S
-        cls.drive = _drive(limits, stop_s)  # type: ignore[attr-defined]
-        cls.follow_path = following(limits, stop_s)  # type: ignore[attr-defined]
+        stop_s = limits.braking_s(fastest) + settles_s + _STOP_MARGIN_S
+        cls.drive = _drive(limits, moves, stop_s)  # type: ignore[attr-defined]
+        cls.follow_path = following(limits, moves, stop_s)  # type: ignore[attr-defined]
 
     def __init__(self) -> None:
         self.ramp = Ramp(self.limits)
@@ -68,6 +73,11 @@ class VelocityBase(Base, blocking=False):
     def speed_share(self) -> float:
         """The share of its speed that the base uses, of which all parts of a velocity are reduced alike."""
         return 1.0
+
+    @property
+    def standing(self) -> bool:
+        """True while the base is at rest, and wants to be."""
+        return self.ramp.standing
 
     @abstractmethod
     def send(self, velocity: Velocity) -> None:
@@ -138,6 +148,7 @@ class VelocityBase(Base, blocking=False):
         self._driver = call
         try:
             await drive()
+            await self._come_to_rest(call)
         except asyncio.CancelledError:
             if call.replaced:
                 await self._until_taken_over(call)
@@ -150,7 +161,7 @@ class VelocityBase(Base, blocking=False):
     async def _come_to_rest(self, call: Call[Any]) -> None:
         if self._driver is call:
             self.ramp.brake()
-        while self._driver is call and not self.ramp.standing:
+        while self._driver is call and not self.standing:
             await self.tick()
 
     async def _follow_samples(self, call: Call[PlanarTwist], stream: InputStream) -> None:
@@ -163,7 +174,7 @@ class VelocityBase(Base, blocking=False):
             call.feedback(self.twist)
 
     async def _until_standing(self, call: Call[PlanarTwist]) -> None:
-        while self._driver is call and not self.ramp.standing:
+        while self._driver is call and not self.standing:
             await self.tick()
             call.feedback(self.twist)
 
@@ -196,7 +207,7 @@ def planar_base(pose: Pose, velocity: Velocity) -> messages.Base:
     )
 
 
-def _drive(limits: DriveLimits, stop_s: float) -> Any:
+def _drive(limits: DriveLimits, moves: Sequence[str], stop_s: float) -> Any:
     """Return the action with the ranges of its velocities and the time that braking takes."""
 
     async def drive(
@@ -220,9 +231,7 @@ def _drive(limits: DriveLimits, stop_s: float) -> Any:
     if not limits.lateral:
         others = [each for each in offered.parameters.values() if each.name != "lateral"]
         drive.__signature__ = offered.replace(parameters=others)  # type: ignore[attr-defined]
-    return action(moves=[BASE], duration_s=MOST_S + stop_s, stop_s=stop_s, takes_over=True, stream=StreamLimits())(
-        drive
-    )
+    return action(moves=moves, duration_s=MOST_S + stop_s, stop_s=stop_s, takes_over=True, stream=StreamLimits())(drive)
 
 
 _Duration = Annotated[float, unit("SEC"), Meta(ge=0, le=MOST_S, title="How long the velocities hold")]

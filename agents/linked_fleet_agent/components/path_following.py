@@ -12,7 +12,6 @@ from linked_fleet_agent.components.component import action
 from linked_fleet_agent.components.kinds import Arrived, PathPose, PathSpeed, PlanarPose
 from linked_fleet_agent.path_tracking import PathError, Tracker, from_here
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Ramp, Velocity
-from linked_fleet_agent.wire.components import BASE
 
 MOST_POSES = 64
 LONGEST_S = 3600.0
@@ -33,6 +32,8 @@ class Driving(Protocol):
     def limits(self) -> DriveLimits: ...
     @property
     def speed_share(self) -> float: ...
+    @property
+    def standing(self) -> bool: ...
     @property
     def pose(self) -> PlanarPose: ...
     async def tick(self) -> float: ...
@@ -83,7 +84,7 @@ async def track(
 
 async def _stand(base: Driving) -> None:
     base.ramp.brake()
-    while not base.ramp.standing:
+    while not base.standing:
         await base.tick()
 
 
@@ -114,8 +115,8 @@ def error_of(pose: Pose, target: Pose) -> Arrived:
     return Arrived(round(distance_m, 4), round(turn_rad, 4))
 
 
-def following(limits: DriveLimits, stop_s: float) -> Any:
-    """Return the action for a base with these limits, which takes so long to brake."""
+def following(limits: DriveLimits, moves: Sequence[str], stop_s: float) -> Any:
+    """Return the action for a base with these limits, which takes so long to come to rest."""
 
     def rehearse(self: Any, path: Path, speed: PathSpeed = 1.0, reverse: Reverse = False) -> float:
         return duration_s(self, poses_of(self, path, reverse), speed, reverse)
@@ -137,4 +138,4 @@ def following(limits: DriveLimits, stop_s: float) -> Any:
         others = [each for each in offered.parameters.values() if each.name != "reverse"]
         follow_path.__signature__ = offered.replace(parameters=others)  # type: ignore[attr-defined]
     longest_s = LONGEST_S + stop_s
-    return action(moves=[BASE], duration_s=longest_s, stop_s=stop_s, takes_over=True, rehearse=rehearse)(follow_path)
+    return action(moves=moves, duration_s=longest_s, stop_s=stop_s, takes_over=True, rehearse=rehearse)(follow_path)

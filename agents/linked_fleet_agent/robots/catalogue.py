@@ -12,8 +12,18 @@ from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots, mesh_files
 from linked_fleet_agent.planar import Differential, DriveLimits
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
 from linked_fleet_agent.robots.camera_client import probe, with_availability
-from linked_fleet_agent.robots.parts import NO_PARTS, BasePart, BatteryPart, FingersPart, Parts, ToolPart, corners_of
+from linked_fleet_agent.robots.parts import (
+    NO_PARTS,
+    BasePart,
+    BatteryPart,
+    FingersPart,
+    LegsPart,
+    Parts,
+    ToolPart,
+    corners_of,
+)
 from linked_fleet_agent.robots.ros2.address import SCHEME, Address, AddressError, parse_address
+from linked_fleet_agent.robots.trot import Leg
 from linked_fleet_agent.urdf import RobotModel, UrdfError, decode, joints_of
 from linked_fleet_agent.urdf.cutting import without
 from linked_fleet_agent.urdf.writer import plain_urdf
@@ -90,6 +100,17 @@ _PMB2 = BasePart(
     ("wheel_left_joint", "wheel_right_joint"),
 )
 """The base of TIAGo."""
+
+_GO2 = LegsPart(
+    "Legs",
+    "base",
+    DriveLimits(linear=0.4, angular=0.8, linear_acceleration=1.0, angular_acceleration=2.0, lateral=0.2),
+    ((0.36, -0.2), (0.36, 0.2), (-0.36, 0.2), (-0.36, -0.2)),
+    tuple(
+        Leg(name, (0.1934 * ahead, 0.0465 * left), 0.0955 * left, thigh=0.213, calf=0.213, phase=phase)
+        for name, ahead, left, phase in (("FL", 1, 1, 0.0), ("FR", 1, -1, 0.5), ("RL", -1, 1, 0.5), ("RR", -1, -1, 0.0))
+    ),
+)
 
 MODELS: Mapping[str, Model] = {
     "baxter": Model(
@@ -187,12 +208,12 @@ MODELS: Mapping[str, Model] = {
     "go2": Model(
         "go2_description/urdf/go2.urdf",
         "Go2, a walking robot with four legs",
-        "A quadruped of twelve joints that stands on the ground.",
+        "A quadruped of twelve joints that walks over the ground by an own trot.",
         _legs(0.068, 0.785, -1.44),
         {"crouched": _legs(0.068, 1.1, -2.1)},
         floating=True,
         home_height_m=0.335,
-        parts=Parts(battery=BatteryPart(capacity_wh=236.0, idle_w=60.0, charger_w=250.0)),
+        parts=Parts(legs=_GO2, battery=BatteryPart(capacity_wh=236.0, idle_w=60.0, charger_w=250.0)),
     ),
 }
 

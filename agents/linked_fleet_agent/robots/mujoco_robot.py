@@ -17,9 +17,10 @@ from linked_fleet_agent.robots.camera_client import Renderer, Scene
 from linked_fleet_agent.robots.mujoco_model import BaseKind, build, commanded_joints
 from linked_fleet_agent.robots.parts import NO_PARTS, FingersPart, Parts
 from linked_fleet_agent.robots.servo import Servo
-from linked_fleet_agent.robots.simulated_base import RollingBase
+from linked_fleet_agent.robots.simulated_base import RollingBase, SimulatedBase
 from linked_fleet_agent.robots.simulated_fingers import Fingers
 from linked_fleet_agent.robots.simulated_parts import Measured, SimulatedMode, components_of
+from linked_fleet_agent.robots.walking_base import WalkingBase
 from linked_fleet_agent.trajectory import cruise_of
 from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
 
@@ -89,11 +90,11 @@ class MujocoRobot:
         self._left_out_s, self._slow_until_s = 0.0, 0.0
         self.fingers = {part.name: self._fingers_of(part) for part in parts.fingers}
         self._driven = dict(zip(driving, self.fingers.values(), strict=True))
-        self.base = None if parts.base is None else RollingBase(self._model, self._data, parts.base, len(commanded))
+        self._place(pose, home_height_m, rolls=parts.base is not None)
+        self.base = self._base_of(parts)
         self._mode = SimulatedMode()
         measured = Measured(self._time_s, self._mechanical_w, self._status)
         self._components, self._followers = components_of(parts, self.fingers, self.base, self._mode, measured)
-        self._place(pose, home_height_m)
 
     def describe(self) -> Facts:
         return self._facts
@@ -145,10 +146,10 @@ class MujocoRobot:
             raise PictureError("nothing renders here")
         return self._renderer.take(camera.name, format, reading, self._names)
 
-    def _place(self, pose: Mapping[str, float], height_m: float) -> None:
+    def _place(self, pose: Mapping[str, float], height_m: float, rolls: bool) -> None:
         for joint, address in zip(self._facts.joints, self._qpos, strict=True):
             self._data.qpos[address] = pose[joint.name]
-        if self._facts.floating and self.base is None:
+        if self._facts.floating and not rolls:
             self._data.qpos[:7] = (0, 0, height_m, 1, 0, 0, 0)
         self._setpoints[:] = self._data.ctrl[: len(self._setpoints)] = self._data.qpos[self._servo_qpos]
         mujoco.mj_forward(self._model, self._data)
@@ -191,6 +192,14 @@ class MujocoRobot:
         servo = Servo(self._model, self._data, joint, self._servo[joint], self._setpoints, self._reach)
         return Fingers(self._model, self._data, part, servo, self._limits[joint])
 
+    def _base_of(self, parts: Parts) -> SimulatedBase | None:
+        if parts.base is not None:
+            return RollingBase(self._model, self._data, parts.base, len(self._servo))
+        if parts.legs is not None:
+            servos = [self._servo[joint] for joint in parts.legs.joints]
+            return WalkingBase(self._model, self._data, parts.legs, servos, self._setpoints)
+        return None
+
     def _time_s(self) -> float:
         return float(self._data.time)
 
@@ -198,7 +207,10 @@ class MujocoRobot:
         return float(np.dot(np.abs(self._data.qfrc_actuator), np.abs(self._data.qvel)))
 
     def _status(self) -> list[Status]:
-        return [self._clock_status(), self._motor_status()]
+        said = [self._clock_status(), self._motor_status()]
+        if isinstance(self.base, WalkingBase) and self.base.fallen:
+            said.append(Status("legs", "error", "the robot has fallen, and does not walk"))
+        return said
 
     def _clock_status(self) -> Status:
         if not np.isfinite(self._data.qpos).all():
@@ -217,14 +229,15 @@ class MujocoRobot:
         return Status("motors", "warning", f"at the effort limit: {', '.join(names)}"[:1024])
 
     def _base(self) -> Base | None:
-        """Return pose and twist in the world frame, or in the odometry frame of a base that rolls; None if it is fixed.
-
-        MuJoCo has the angular velocity of a free joint in the body frame.
-        """
-        if self.base is not None:
+        """Return pose and twist in the odometry frame, or in the world frame of a body without; None if it is fixed."""
+        if isinstance(self.base, RollingBase):
             return planar_base(self.base.odometry, self.base.velocity)
         if not self._facts.floating:
             return None
+        return self.base.counted(self._body()) if isinstance(self.base, WalkingBase) else self._body()
+
+    def _body(self) -> Base:
+        """Return pose and twist of a body that floats. MuJoCo has its angular velocity in its own frame."""
         data = self._data
         angular = np.zeros(3)
         mujoco.mju_rotVecQuat(angular, data.qvel[3:6], data.qpos[3:7])

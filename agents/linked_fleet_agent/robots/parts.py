@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 from linked_fleet_agent.planar import Differential, DriveLimits
+from linked_fleet_agent.robots.trot import Leg
 
 
 @dataclass(frozen=True)
@@ -57,10 +58,27 @@ class BasePart:
 
 
 @dataclass(frozen=True)
+class LegsPart:
+    """Four legs that walk: limits of the base, its corners (m), and the legs with their joints."""
+
+    title: str
+    link: str
+    limits: DriveLimits
+    corners: tuple[tuple[float, float], ...]
+    legs: tuple[Leg, ...]
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints of all legs: hip, thigh and calf of the first one, and so on."""
+        return tuple(f"{leg.name}_{part}_joint" for leg in self.legs for part in ("hip", "thigh", "calf"))
+
+
+@dataclass(frozen=True)
 class Parts:
     """The parts of one robot."""
 
     base: BasePart | None = None
+    legs: LegsPart | None = None
     fingers: tuple[FingersPart, ...] = ()
     battery: BatteryPart | None = None
     tool: ToolPart | None = None

@@ -1,4 +1,4 @@
-"""Bases of simulated robots that roll over the floor, with wheels that turn and odometry that drifts."""
+"""Bases of simulated robots that roll over the floor with wheels that turn, and the component of simulated bases."""
 
 import math
 from collections.abc import Callable
@@ -8,15 +8,20 @@ import mujoco
 from linked_fleet_agent.components.driving import VelocityBase
 from linked_fleet_agent.planar import STANDING, Pose, Velocity
 from linked_fleet_agent.robots.mujoco_model import PLANE
-from linked_fleet_agent.robots.parts import BasePart
+from linked_fleet_agent.robots.odometry import Odometry
+from linked_fleet_agent.robots.parts import BasePart, LegsPart
+from linked_fleet_agent.robots.walking_base import WalkingBase
+from linked_fleet_agent.wire.components import BASE
 
 
 class RollingBase:
     """The base of a simulated robot. Motors give it each velocity at once: its limits are those of its component.
 
-    ``drift`` is the share by which the odometry counts too much way and too much turn. ``first_servo`` is the first of
-    the servos of the plane, which those of the wheels follow.
+    ``first_servo`` is the first of the servos of the plane, which those of the wheels follow.
     """
+
+    about = "A base that rolls over the floor of the simulation."
+    walking, settles_s = False, 0.0
 
     def __init__(self, model: mujoco.MjModel, data: mujoco.MjData, part: BasePart, first_servo: int) -> None:
         self._data, self._part = data, part
@@ -26,14 +31,18 @@ class RollingBase:
         self._servos = slice(first_servo, first_servo + len(PLANE))
         self._wheel_servos = slice(first_servo + len(PLANE), first_servo + len(PLANE) + len(part.wheels))
         self._wanted = STANDING
-        self.drift, self.odometry = 0.0, Pose()
-        self._counted = self.pose
+        self.odometer = Odometry(self.pose)
 
     @property
     def pose(self) -> Pose:
         """Where the base really is, from where it was when the simulation began."""
         x, y, heading = self._data.qpos[self._qpos].tolist()
         return Pose(x, y, math.remainder(heading, math.tau))
+
+    @property
+    def odometry(self) -> Pose:
+        """Where the base is as its odometry counts it."""
+        return self.odometer.pose
 
     @property
     def velocity(self) -> Velocity:
@@ -57,30 +66,25 @@ class RollingBase:
             self._data.ctrl[self._wheel_servos] = self._part.drive.wheels(self._wanted)
 
     def step(self, elapsed_s: float) -> None:
-        """Count the way since the last call (odometry)."""
-        now, before, odometry, scale = self.pose, self._counted, self.odometry, 1.0 + self.drift
-        way_x, way_y = now.x - before.x, now.y - before.y
-        cosine, sine = math.cos(odometry.heading - before.heading), math.sin(odometry.heading - before.heading)
-        turn = math.remainder(now.heading - before.heading, math.tau)
-        self.odometry = Pose(
-            odometry.x + scale * (way_x * cosine - way_y * sine),
-            odometry.y + scale * (way_x * sine + way_y * cosine),
-            math.remainder(odometry.heading + scale * turn, math.tau),
-        )
-        self._counted = now
+        """Count the way since the last call."""
+        self.odometer.count(self.pose)
 
 
-def base_of(part: BasePart, base: RollingBase, share: Callable[[], float]) -> VelocityBase:
+def base_of(part: BasePart | LegsPart, base: "SimulatedBase", share: Callable[[], float]) -> VelocityBase:
     """Return the component of a base. ``share`` returns the share of its speed that the robot uses."""
+    moves = (BASE, *part.joints) if isinstance(part, LegsPart) else (BASE,)
 
-    class SimulatedBase(VelocityBase, limits=part.limits, blocking=False):
-        """A base that rolls over the floor of the simulation."""
-
+    class Simulated(VelocityBase, limits=part.limits, moves=moves, settles_s=base.settles_s, blocking=False):
+        __doc__ = base.about
         title, link, corners = part.title, part.link, part.corners
 
         @property
         def speed_share(self) -> float:
             return share()
+
+        @property
+        def standing(self) -> bool:
+            return super().standing and not base.walking
 
         def send(self, velocity: Velocity) -> None:
             base.drive(velocity)
@@ -88,4 +92,7 @@ def base_of(part: BasePart, base: RollingBase, share: Callable[[], float]) -> Ve
         def measure(self, elapsed_s: float) -> tuple[Pose, Velocity]:
             return base.odometry, base.velocity
 
-    return SimulatedBase()
+    return Simulated()
+
+
+SimulatedBase = RollingBase | WalkingBase

@@ -23,7 +23,7 @@ from linked_fleet_agent.components import (
 )
 from linked_fleet_agent.components.kinds import PlanarPose
 from linked_fleet_agent.robots.parts import BatteryPart, Parts, ToolPart
-from linked_fleet_agent.robots.simulated_base import RollingBase, base_of
+from linked_fleet_agent.robots.simulated_base import SimulatedBase, base_of
 from linked_fleet_agent.robots.simulated_fingers import Fingers, gripper_of
 
 MANUAL_SCALE, LEAST_SCALE = 0.25, 0.1
@@ -193,7 +193,7 @@ class SimulationWithTool(Simulation):
 class SimulationWithBase(Simulation):
     """A simulation with what a base does not know: where it really is."""
 
-    base: RollingBase
+    base: SimulatedBase
 
     @value
     def true_pose(self) -> Annotated[PlanarPose, Meta(title="True pose")]:
@@ -204,11 +204,11 @@ class SimulationWithBase(Simulation):
     @value
     def odometry_drift(self) -> _Drift:
         """Let the odometry count this share too much of each way and of each turn."""
-        return self.base.drift
+        return self.base.odometer.drift
 
     @odometry_drift.setter
     def set_odometry_drift(self, drift: _Drift) -> None:
-        self.base.drift = drift
+        self.base.odometer.drift = drift
 
 
 @dataclass(frozen=True)
@@ -221,7 +221,7 @@ class Measured:
 
 
 def components_of(
-    parts: Parts, fingers: Mapping[str, Fingers], base: RollingBase | None, mode: SimulatedMode, measured: Measured
+    parts: Parts, fingers: Mapping[str, Fingers], base: SimulatedBase | None, mode: SimulatedMode, measured: Measured
 ) -> tuple[list[Component], list[Callable[[float], None]]]:
     """Return the components of a robot, and what must be called after each advance of the simulation, with its time."""
     battery = None if parts.battery is None else SimulatedBattery(parts.battery, measured.mechanical_w)
@@ -231,8 +231,8 @@ def components_of(
     )
     components: list[Component] = [mode, SimulatedDiagnostics(measured.status)]
     components += [gripper_of(part, fingers[part.name]) for part in parts.fingers]
-    if parts.base is not None and base is not None:
-        components.append(base_of(parts.base, base, lambda: mode.used_scale))
+    if (part := parts.base or parts.legs) is not None and base is not None:
+        components.append(base_of(part, base, lambda: mode.used_scale))
     components += [each for each in (battery, tool, simulation) if each is not None]
     return components, [each.step for each in (*fingers.values(), base, battery) if each is not None]
 
