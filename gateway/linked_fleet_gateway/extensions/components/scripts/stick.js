@@ -20,7 +20,7 @@ export class Stick {
     section.addEventListener("keydown", (event) => this.key(event, true));
     section.addEventListener("keyup", (event) => this.key(event, false));
     for (const away of ["blur", "visibilitychange"]) addEventListener(away, () => this.release());
-    section.addEventListener("focusout", ({ relatedTarget }) => section.contains(relatedTarget) || this.pressed.clear());
+    section.addEventListener("focusout", ({ relatedTarget }) => section.contains(/** @type {Node | null} */ (relatedTarget)) || this.pressed.clear());
   }
 
   enable() {
