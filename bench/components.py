@@ -4,7 +4,6 @@
 one of robots, which then appear, or a rate at which each of these publishes values, all of them changed.
 """
 
-import argparse
 import contextlib
 import itertools
 import json
@@ -29,6 +28,7 @@ from websockets.sync.client import connect
 import fake_robots
 from bench.answers import MEDIA_TYPES, browse, listed, read_all, typical_response
 from bench.beside import BARE, bare, wire
+from bench.played import run_played
 from bench.scene import cpu_s, pid_of
 from bench.table import Row, at_least, at_most, bounded, known, percentile
 from bench.timed_gateway import SAID
@@ -261,18 +261,5 @@ def play(endpoint: str) -> None:
         thread.join()
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=4.0, help="of each measurement")
-    parser.add_argument("--play", metavar="ENDPOINT", help=argparse.SUPPRESS)
-    asked = parser.parse_args()
-    if asked.play:
-        play(asked.play)
-        return
-    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f} before")
-    for row in rows(asked.seconds):
-        print(row)
-
-
 if __name__ == "__main__":
-    main()
+    run_played(__doc__, rows, play)

@@ -3,7 +3,6 @@
 ``python -m bench.driving --play ENDPOINT`` is the agent. A line on its standard input asks for the times since then.
 """
 
-import argparse
 import contextlib
 import json
 import os
@@ -19,6 +18,7 @@ import httpx
 from websockets.sync.client import connect
 
 from bench.beside import wire
+from bench.played import run_played
 from bench.table import Row, at_most, bounded, known, percentile
 from linked_fleet_agent.components import Call, Component, StreamLimits, action
 from linked_fleet_agent.robots.of_components import RobotOfComponents
@@ -124,18 +124,5 @@ def play(endpoint: str) -> None:
     run("robot", RobotOfComponents("Robot", follower))
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seconds", type=float, default=4.0, help="of each measurement")
-    parser.add_argument("--play", metavar="ENDPOINT", help=argparse.SUPPRESS)
-    asked = parser.parse_args()
-    if asked.play:
-        play(asked.play)
-        return
-    print(f"{os.cpu_count()} processors, load {os.getloadavg()[0]:.1f} before")
-    for row in rows(asked.seconds):
-        print(row)
-
-
 if __name__ == "__main__":
-    main()
+    run_played(__doc__, rows, play)

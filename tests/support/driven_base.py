@@ -46,6 +46,16 @@ class Driven(Bench):
         await self.tick(0.4)
         assert self.base.sent[-1] == Velocity(0.5)
 
+    def interrupt(self, way: str) -> None:
+        """End what moves the base: by a stop, the loss of the last gateway, or a protective stop."""
+        if way == "stop":
+            assert isinstance(self.stop("s"), Accepted)
+        elif way == "gateway":
+            self.link.gateway_present = False
+        else:
+            assert way == "protective stop"
+            self.base.prevents_motion = "the gate is open"
+
     @property
     def decelerations(self) -> list[float]:
         speeds = [each.linear for each in self.base.sent]

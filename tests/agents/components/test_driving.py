@@ -7,7 +7,7 @@ import pytest
 
 from driven_base import LIMITS, Driven
 from linked_fleet_agent.planar import STANDING
-from linked_fleet_agent.wire.messages import Accepted, Refused
+from linked_fleet_agent.wire.messages import Refused
 
 
 async def test_it_drives_for_the_time_that_was_asked_for_and_ends_when_it_stands() -> None:
@@ -66,16 +66,12 @@ async def test_a_request_after_a_stop_waits_until_the_base_stands() -> None:
 async def test_whatever_ends_a_motion_brakes_it_within_its_limits(way: str) -> None:
     bench = Driven()
     await bench.driving()
-    if way == "stop":
-        assert isinstance(bench.stop("s"), Accepted)
-    elif way == "gateway":
-        bench.link.gateway_present = False
-    elif way == "protective stop":
-        bench.base.prevents_motion = "the gate is open"
-    else:
+    if way == "fault":
         bench.base.broken = "no bus"
         await bench.tick(0.05)
         bench.base.broken = ""
+    else:
+        bench.interrupt(way)
     await bench.tick(0.05)
     assert bench.states("d")[-1] == "running", "it is not over until it stands"
     await bench.tick(0.5)

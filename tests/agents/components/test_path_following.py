@@ -70,12 +70,7 @@ async def test_a_rehearsal_says_how_long_it_takes() -> None:
 async def test_whatever_ends_it_brakes_it_within_its_limits(way: str) -> None:
     bench = Follower()
     await bench.going()
-    if way == "stop":
-        assert isinstance(bench.stop("s"), Accepted)
-    elif way == "gateway":
-        bench.link.gateway_present = False
-    else:
-        bench.base.prevents_motion = "the gate is open"
+    bench.interrupt(way)
     await bench.tick(0.03)
     assert bench.states("f")[-1] == "running", "it is not over until it stands"
     await bench.tick(0.7)
