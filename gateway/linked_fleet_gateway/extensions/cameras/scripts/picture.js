@@ -1,16 +1,11 @@
-// The live pictures of a camera: each message is a whole picture.
+// The live pictures on the page of a camera.
 
-import { watch } from "../../pages/scripts/src/socket.js";
+import { showLive } from "../../pages/scripts/src/live_picture.js";
+
+const INTERVAL_S = 0.1;
 
 export function start() {
+  /** @type {HTMLImageElement | null} */
   const image = document.querySelector("#seen > img");
-  if (!image) return;
-  let shown = "";
-  watch(image.getAttribute("src"), { protocol: "lf.jpeg", interval: 0.1 }, (picture) => {
-    const next = URL.createObjectURL(new Blob([picture], { type: "image/jpeg" }));
-    image.src = next;
-    // A picture may be dropped before it is decoded; the following one is shown.
-    if (shown) URL.revokeObjectURL(shown);
-    shown = next;
-  });
+  if (image) showLive(image, image.getAttribute("src") ?? "", INTERVAL_S);
 }

@@ -1,7 +1,7 @@
 // Small pictures of a robot's cameras, which link their pages.
 
+import { showLive } from "../../pages/scripts/src/live_picture.js";
 import { parse } from "../../pages/scripts/src/ntriples.js";
-import { watch } from "../../pages/scripts/src/socket.js";
 import { TITLE } from "../../pages/scripts/src/vocabulary.js";
 
 const CONTAINS = "http://www.w3.org/ns/ldp#contains";
@@ -27,20 +27,11 @@ function thumbnail(iri, title) {
   const image = Object.assign(document.createElement("img"), { alt: "", width: 160, height: 120, hidden: true });
   link.append(image, title);
   let end;
-  let shown = "";
   // Invisible pictures are not rendered by the robot.
   new IntersectionObserver((entries) => {
     const seen = entries.at(-1).isIntersecting;
     if (!seen) end = end?.();
-    else {
-      end ??= watch(iri, { protocol: "lf.jpeg", interval: INTERVAL_S }, (picture) => {
-        const next = URL.createObjectURL(new Blob([picture], { type: "image/jpeg" }));
-        image.src = next;
-        image.hidden = false;
-        if (shown) URL.revokeObjectURL(shown);
-        shown = next;
-      });
-    }
+    else end ??= showLive(image, iri, INTERVAL_S);
   }).observe(link);
   return link;
 }

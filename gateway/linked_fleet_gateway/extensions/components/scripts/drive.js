@@ -1,6 +1,7 @@
 // Drives a base by hand over a stream of its action drive (docs/DRIVING.md).
 
 import { proof } from "../../pages/scripts/src/control.js";
+import { send } from "../../pages/scripts/src/request.js";
 import { camera } from "./drive_camera.js";
 import { Stick } from "./stick.js";
 
@@ -107,9 +108,7 @@ class Drive {
 
   /** Browsers do not say why a WebSocket was refused; the same POST does. */
   async explain() {
-    const headers = { "Content-Type": "application/json", Accept: "application/json", Prefer: "dry-run", ...proof(this.action.href) };
-    const answer = await fetch(this.action, { method: "POST", body: "{}", headers }).catch(() => undefined);
-    const problem = answer && !answer.ok ? await answer.json().catch(() => undefined) : undefined;
+    const { problem } = await send("POST", this.action.href, { headers: { Prefer: "dry-run" } });
     this.say("error", problem ? `${problem.title}. ${problem.detail ?? ""}` : "The stream could not be opened.");
   }
 

@@ -1,7 +1,7 @@
 // The picture of a camera of the robot beside its stick.
 
-import { parse } from "../../pages/scripts/src/ntriples.js";
-import { watch } from "../../pages/scripts/src/socket.js";
+import { showLive } from "../../pages/scripts/src/live_picture.js";
+import { send } from "../../pages/scripts/src/request.js";
 import { lf } from "../../pages/scripts/src/vocabulary.js";
 
 const CONTAINS = "http://www.w3.org/ns/ldp#contains";
@@ -14,17 +14,9 @@ const INTERVAL_S = 0.1;
  */
 export function camera(section, seen) {
   const image = /** @type {HTMLImageElement} */ (section.querySelector("img"));
-  let [ended, shown, end] = [false, "", () => {}];
-  first(section.dataset.robot).then((iri) => {
-    if (!iri || ended) return;
-    end = watch(iri, { protocol: "lf.jpeg", interval: INTERVAL_S }, (picture) => {
-      const next = URL.createObjectURL(new Blob([picture], { type: "image/jpeg" }));
-      image.src = next;
-      image.hidden = false;
-      if (shown) URL.revokeObjectURL(shown);
-      shown = next;
-      seen();
-    });
+  let [ended, end] = [false, () => {}];
+  first(new URL(section.dataset.robot ?? "", document.baseURI).href).then((iri) => {
+    if (iri && !ended) end = showLive(image, iri, INTERVAL_S, seen);
   });
   return () => {
     ended = true;
@@ -34,12 +26,6 @@ export function camera(section, seen) {
 }
 
 async function first(robot) {
-  const iri = new URL(robot, document.baseURI).href;
-  const cameras = (await graphOf(iri))?.value(iri, lf("cameras"))?.value;
-  return cameras && (await graphOf(cameras))?.values(cameras, CONTAINS)[0]?.value;
-}
-
-async function graphOf(iri) {
-  const answer = await fetch(iri, { headers: { Accept: "application/n-triples" } }).catch(() => undefined);
-  return answer?.ok ? parse(await answer.text()) : undefined;
+  const cameras = (await send("GET", robot)).graph?.value(robot, lf("cameras"))?.value;
+  return cameras && (await send("GET", cameras)).graph?.values(cameras, CONTAINS)[0]?.value;
 }
