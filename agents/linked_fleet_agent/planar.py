@@ -17,6 +17,12 @@ class Velocity(NamedTuple):
     lateral: float = 0.0
     angular: float = 0.0
 
+    def turned(self, angle_rad: float) -> "Velocity":
+        """Return the velocity in a frame from which this one is turned by an angle."""
+        cosine, sine = math.cos(angle_rad), math.sin(angle_rad)
+        linear, lateral, angular = self
+        return Velocity(linear * cosine - lateral * sine, linear * sine + lateral * cosine, angular)
+
 
 STANDING = Velocity()
 

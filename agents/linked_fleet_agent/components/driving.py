@@ -197,12 +197,12 @@ class VelocityBase(Base, blocking=False):
 
 def planar_base(pose: Pose, velocity: Velocity) -> messages.Base:
     """Return pose and twist for state frames."""
-    (x, y, heading), (linear, lateral, angular) = pose, velocity
-    cosine, sine = math.cos(heading), math.sin(heading)
+    x, y, heading = pose
+    along_x, along_y, angular = velocity.turned(heading)
     return messages.Base(
         (x, y, 0.0),
         (0.0, 0.0, math.sin(heading / 2.0), math.cos(heading / 2.0)),
-        (linear * cosine - lateral * sine, linear * sine + lateral * cosine, 0.0),
+        (along_x, along_y, 0.0),
         (0.0, 0.0, angular),
     )
 

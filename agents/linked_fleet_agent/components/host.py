@@ -116,39 +116,21 @@ class Host:
             value, said = read_value(schema, operate.input, MAX_INPUT_BYTES)
             if said or value is None:
                 return _input(operate, said or "null is no value")
-            payload = b'{"value":' + bytes(operate.input) + b"}"
+            found = _decoded(task, b'{"value":' + bytes(operate.input) + b"}")
         elif task.input is None:
             empty = bytes(operate.input).strip() in (b"null", b"{}", b"")
             return {} if empty else _input(operate, "this action has no input")
         else:
             payload = b"{}" if bytes(operate.input).strip() == b"null" else bytes(operate.input)
-            assert task.declared.input is not None
-            value, said = read_value(task.declared.input, payload, MAX_INPUT_BYTES)
-            if said or value is None:
-                return _input(operate, said or "null is no input")
-        assert task.input is not None
-        try:
-            given = msgspec.json.decode(payload, type=task.input)
-        except msgspec.ValidationError as error:
-            return _input(operate, str(error))
-        return {name: getattr(given, name) for name in given.__struct_fields__}
+            found = _read(task, payload, MAX_INPUT_BYTES)
+        return _input(operate, found) if isinstance(found, str) else found
 
     def reader_of(self, task: Task) -> Callable[[bytes], dict[str, Any] | None]:
         """Return the function that reads inputs of a stream, and returns None for one that violates the schema."""
-        schema, given = task.declared.input, task.input
-        assert schema is not None
-        assert given is not None
-        decoder = msgspec.json.Decoder(given)
 
         def read(payload: bytes) -> dict[str, Any] | None:
-            value, said = read_value(schema, payload, MAX_SAMPLE_BYTES)
-            if said or value is None:
-                return None
-            try:
-                found = decoder.decode(payload)
-            except msgspec.ValidationError:
-                return None
-            return {name: getattr(found, name) for name in found.__struct_fields__}
+            found = _read(task, payload, MAX_SAMPLE_BYTES)
+            return None if isinstance(found, str) else found
 
         return read
 
@@ -157,6 +139,24 @@ class Host:
         if len(self.operations) < MAX_RUNNING:
             return None
         return Refused(operate.id, "fault", f"{MAX_RUNNING} actions of this robot are running, and no more may")
+
+
+def _read(task: Task, payload: bytes, most_bytes: int) -> dict[str, Any] | str:
+    """Return the input of an action by parameter, or a sentence about what is wrong with it."""
+    assert task.declared.input is not None
+    value, said = read_value(task.declared.input, payload, most_bytes)
+    if said or value is None:
+        return said or "null is no input"
+    return _decoded(task, payload)
+
+
+def _decoded(task: Task, payload: bytes) -> dict[str, Any] | str:
+    assert task.input is not None
+    try:
+        given = msgspec.json.decode(payload, type=task.input)
+    except msgspec.ValidationError as error:
+        return str(error)
+    return {name: getattr(given, name) for name in given.__struct_fields__}
 
 
 def _refused(operate: Operate, reason: str) -> Refused:

@@ -23,7 +23,7 @@ Reverse = Annotated[bool, Meta(title="Drive backwards")]
 
 
 class Driving(Protocol):
-    """What a base that takes velocities has for this action."""
+    """The members of a base that takes velocities which this action needs."""
 
     ramp: Ramp
     pose_now: Pose

@@ -60,8 +60,7 @@ class MujocoRobot:
         pose = {joint: self._limits[joint].clamp(position) for joint, position in wanted.items()}
         driving = [part.joints[0] for part in parts.fingers]
         wheels = () if parts.base is None else parts.base.wheels
-        kind: BaseKind = "floating" if facts.floating else "fixed"
-        kind = kind if parts.base is None else "rolling"
+        kind: BaseKind = "rolling" if parts.base is not None else "floating" if facts.floating else "fixed"
         self._model = build(facts.urdf, name, facts.joints, pose, kind, file, driving, wheels)
         self._data = mujoco.MjData(self._model)
         scene = Scene(

@@ -35,22 +35,19 @@ class RollingBase:
 
     @property
     def pose(self) -> Pose:
-        """Where the base really is, from where it was when the simulation began."""
+        """The true pose of the base in the frame where the simulation began."""
         x, y, heading = self._data.qpos[self._qpos].tolist()
         return Pose(x, y, math.remainder(heading, math.tau))
 
     @property
     def odometry(self) -> Pose:
-        """Where the base is as its odometry counts it."""
+        """The pose that the odometry counts."""
         return self.odometer.pose
 
     @property
     def velocity(self) -> Velocity:
         """The measured velocity in the frame of the base."""
-        x, y, angular = self._data.qvel[self._dof].tolist()
-        heading = float(self._data.qpos[self._qpos[2]])
-        cosine, sine = math.cos(heading), math.sin(heading)
-        return Velocity(x * cosine + y * sine, y * cosine - x * sine, angular)
+        return Velocity(*self._data.qvel[self._dof].tolist()).turned(-float(self._data.qpos[self._qpos[2]]))
 
     def drive(self, velocity: Velocity) -> None:
         """Drive with this velocity until another one is given."""
@@ -58,10 +55,8 @@ class RollingBase:
 
     def command(self, elapsed_s: float) -> None:
         """Set the servos for the next piece, which turns the base while it lasts."""
-        linear, lateral, angular = self._wanted
-        heading = float(self._data.qpos[self._qpos[2]]) + angular * elapsed_s / 2.0
-        cosine, sine = math.cos(heading), math.sin(heading)
-        self._data.ctrl[self._servos] = (linear * cosine - lateral * sine, linear * sine + lateral * cosine, angular)
+        heading = float(self._data.qpos[self._qpos[2]]) + self._wanted.angular * elapsed_s / 2.0
+        self._data.ctrl[self._servos] = self._wanted.turned(heading)
         if self._part.drive is not None:
             self._data.ctrl[self._wheel_servos] = self._part.drive.wheels(self._wanted)
 

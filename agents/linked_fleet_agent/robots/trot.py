@@ -23,7 +23,7 @@ _LED_1_S, _TURNED_1_S, _CAUGHT_S = 1.0, 2.0, 0.05
 
 
 class Foot(NamedTuple):
-    """Where a foot is, from the origin of its hip."""
+    """The position of a foot, from the origin of its hip."""
 
     x: float
     y: float
@@ -133,7 +133,7 @@ class Trot:
 
 
 class _Step:
-    """Where a foot is, from where it stands, and the share of its way through the air; zero on the ground."""
+    """The place of a foot from its stand, and the share of its way through the air; zero on the ground."""
 
     def __init__(self) -> None:
         self.x = self.y = self.share = 0.0

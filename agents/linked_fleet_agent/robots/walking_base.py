@@ -59,13 +59,13 @@ class WalkingBase:
 
     @property
     def pose(self) -> Pose:
-        """Where the body really is on the plane."""
+        """The true pose of the body on the plane."""
         x, y, _, qw, qx, qy, qz = self._data.qpos[:7].tolist()
         return Pose(x, y, math.atan2(2.0 * (qw * qz + qx * qy), 1.0 - 2.0 * (qy**2 + qz**2)))
 
     @property
     def odometry(self) -> Pose:
-        """Where the base is as its odometry counts it."""
+        """The pose that the odometry counts."""
         return self.odometer.pose
 
     @property
@@ -96,9 +96,7 @@ class WalkingBase:
         self._follow(elapsed_s)
         self.odometer.count(self.steady)
         x, y, _, _, _, angular = self._data.qvel[:6].tolist()
-        heading = self.pose.heading
-        cosine, sine = math.cos(heading), math.sin(heading)
-        now, share = (x * cosine + y * sine, y * cosine - x * sine, angular), min(elapsed_s / _MEASURED_S, 1.0)
+        now, share = Velocity(x, y, angular).turned(-self.pose.heading), min(elapsed_s / _MEASURED_S, 1.0)
         self._velocity = Velocity(
             *(before + share * (each - before) for before, each in zip(self._velocity, now, strict=True))
         )
