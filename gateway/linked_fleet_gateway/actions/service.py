@@ -209,10 +209,8 @@ class Actions:
             self.lifecycle.fail(invocation, "it could not be checked")
             raise
         invocation.unchecked = _unchecked(found)
-        slowest = _slowest(found)
-        if slowest is not None:
-            motion = slowed(motion, slowest.speed_share)
-            invocation.facts, invocation.limited = dict(motion.facts), slowest.limited
+        motion, invocation.limited = _limited(motion, found)
+        invocation.facts = dict(motion.facts)
         until_ns = max((each.until_ns for each in found.values()), default=0)
         return replace_struct(motion, until_ns=until_ns), self._stalls.elapsed_ns(began_ns)
 
@@ -253,8 +251,7 @@ class Actions:
 
         Raises MotionRefused.
         """
-        slowest = _slowest(await self._findings(motion, caller, own_id))
-        return (motion, "") if slowest is None else (slowed(motion, slowest.speed_share), slowest.limited)
+        return _limited(motion, await self._findings(motion, caller, own_id))
 
     def plan(self, request: ActionRequest, offer: Offer) -> Plan:
         """Let the handler of an offered action create its plan. Raises the handler's errors."""
@@ -290,9 +287,7 @@ class Actions:
         began_ns = time.monotonic_ns()
         findings = await self._findings(motion, caller, "")
         waited_ns += self._stalls.elapsed_ns(began_ns)
-        slowest = _slowest(findings)
-        if slowest is not None:
-            motion = slowed(motion, slowest.speed_share)
+        motion, limited = _limited(motion, findings)
         try:
             command = build_command(str(uuid.uuid4()), motion, waited_ns, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, ANSWER_TIMEOUT_S)
@@ -301,7 +296,6 @@ class Actions:
         if isinstance(reply, Refused):
             raise agent_refusal(robot, reply)
         free = {predicate: finding.free for predicate, finding in findings.items()}
-        limited = "" if slowest is None else slowest.limited
         return Rehearsal(reply.duration_s, reply.preempts, free, _unchecked(findings), dict(motion.facts), limited)
 
     async def _send(self, invocation: Invocation, command: Command | Operate) -> Reply:
@@ -388,10 +382,12 @@ class Actions:
         return Rehearsal(max((reply.duration_s for reply in accepted), default=0.0), ends)
 
 
-def _slowest(findings: Mapping[NamedNode, Finding]) -> Finding | None:
-    """Return the finding that reduces the speed most; None if none does."""
+def _limited(motion: Motion, findings: Mapping[NamedNode, Finding]) -> tuple[Motion, str]:
+    """Return the motion at the speed that all findings allow, and why it is slower, if it is."""
     slowest = min(findings.values(), key=lambda each: each.speed_share, default=None)
-    return None if slowest is None or slowest.speed_share >= 1.0 else slowest
+    if slowest is None or slowest.speed_share >= 1.0:
+        return motion, ""
+    return slowed(motion, slowest.speed_share), slowest.limited
 
 
 def _unchecked(findings: Mapping[NamedNode, Finding]) -> tuple[tuple[str, UncheckedLink], ...]:

@@ -7,9 +7,8 @@ from collections.abc import Iterator, Sequence
 from msgspec import Struct
 
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Velocity
+from linked_fleet_agent.smooth_path import TOLERANCE_M
 
-PLANE = ("plane x", "plane y", "plane turn")
-"""Names of the joints by which checks of motions let a base slide and turn: metre, metre, radian."""
 REACTION_S = 0.15
 """A request may reach the base so late, counted from the measurement for which its way was found free."""
 Point = tuple[float, float]
@@ -49,7 +48,14 @@ class Drive(Struct, frozen=True):
         """
         meanwhile = dict.fromkeys((now, STANDING, now if before is None else before))
         late = [(velocity, share * REACTION_S) for velocity in meanwhile for share in (0.5, 1.0)]
-        return tuple(tuple(_sparse(self._steps(now, *each))) for each in ((now, 0.0), *late))
+        return tuple(self._way(now, *each) for each in ((now, 0.0), *late))
+
+    def end(self, now: Velocity) -> Pose:
+        """Return where the base stands at the end of one of these ways: a late one, before which it brakes."""
+        return self._way(now, STANDING, REACTION_S)[-1]
+
+    def _way(self, now: Velocity, meanwhile: Velocity, reaction_s: float) -> tuple[Pose, ...]:
+        return tuple(_sparse(self._steps(now, meanwhile, reaction_s)))
 
     def fitting_share(self, free: float) -> float:
         """Return the share of the speed at which only the share ``free`` of its way is needed."""
@@ -72,10 +78,6 @@ class Drive(Struct, frozen=True):
             linear, lateral, angular = (_STEP_S / 2 * (at + to) for at, to in zip(before, velocity, strict=True))
             pose = pose.moved(linear, angular, lateral)
             yield pose
-
-
-CUT_M = 0.05
-"""By so much a base may cut the corners of a path (docs/COMPONENTS.md)."""
 
 
 class FollowedPath(Struct, frozen=True):
@@ -127,7 +129,7 @@ def _cut(points: Sequence[Point]) -> list[Point]:
             found.append(at)
             continue
         turn = math.atan2(after[1] - at[1], after[0] - at[0]) - math.atan2(at[1] - before[1], at[0] - before[0])
-        far = min(CUT_M / max(math.cos(math.remainder(turn, math.tau) / 2.0), 0.1), one / 2.0, other / 2.0)
+        far = min(TOLERANCE_M / max(math.cos(math.remainder(turn, math.tau) / 2.0), 0.1), one / 2.0, other / 2.0)
         found += [_toward(at, before, far / one), _toward(at, after, far / other)]
     return [*found, points[-1]]
 

@@ -93,6 +93,11 @@ class Robot:
         self._present = _Present()
 
     @property
+    def floats(self) -> bool:
+        """True if it has described a base that is not fixed."""
+        return self.description is not None and self.description.base == "floating"
+
+    @property
     def fault(self) -> str | None:
         """A sentence about what restricts this robot; None if nothing does."""
         return self._fault or self.agent_fault or self.limit_fault or next(iter(self.sensor_faults.values()), None)

@@ -137,7 +137,7 @@ CONDITIONS: dict[NamedNode, Condition] = {
     LF.hasCommandableJoint: lambda robot, joint: bool(commandable_joints(robot)),
     LF.hasMovedLink: lambda robot, joint: bool(moved_links(robot)),
     LF.hasNamedPose: lambda robot, joint: bool(named_poses(robot)),
-    LF.hasFloatingBase: lambda robot, joint: robot.description is not None and robot.description.base == "floating",
+    LF.hasFloatingBase: lambda robot, joint: robot.floats,
 }
 
 

@@ -193,7 +193,7 @@ def robot_properties(robot: Robot, iri_of: Callable[[str], NamedNode]) -> list[P
         )
     ]
     found += [*setting_properties(robot), *(make(robot) for make in added_robot_properties())]
-    if robot.description is not None and robot.description.base == "floating":
+    if robot.floats:
         found.append(
             _pose_property("pose", f"pose of the base of {robot.name}", lambda: _base_pose(robot), robot, "pose")
         )
@@ -292,14 +292,10 @@ def _pose_property(segment: str, title: str, pose: Callable[[], Pose | None], ro
     def describe(graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.vector(iri, LF.position, seen.values[:3], METRE)
         graph.quaternion(iri, LF.orientation, seen.values[3:])
-        graph.add(iri, LF.frame, Literal("world" if _floating(robot) else "base"))
+        graph.add(iri, LF.frame, Literal("world" if robot.floats else "base"))
         graph.result_time(iri, seen.wall_ns)
 
     return Property(segment, LF.pose, (LF.Pose,), LF.PoseShape, title, describe, lambda: (observe(),))
-
-
-def _floating(robot: Robot) -> bool:
-    return robot.description is not None and robot.description.base == "floating"
 
 
 def _base(robot: Robot) -> Base | None:

@@ -5,7 +5,8 @@ import math
 import pytest
 
 from linked_fleet_agent.planar import DriveLimits, Pose, Velocity
-from linked_fleet_gateway.fleet.driving import CUT_M, REACTION_S, Drive, FollowedPath
+from linked_fleet_agent.smooth_path import TOLERANCE_M
+from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath
 
 LIMITS = DriveLimits(linear=1.0, angular=1.5, linear_acceleration=1.0, angular_acceleration=2.0)
 NO_HEADING = math.nan
@@ -54,4 +55,4 @@ def test_a_corner_is_also_cut() -> None:
     through, around = FollowedPath((Pose(1, 0, NO_HEADING), Pose(1, 1, NO_HEADING))).ways(Pose())
     assert (1.0, 0.0) in [(round(x, 6), round(y, 6)) for x, y, _ in through]
     near = min(math.dist((x, y), (1, 0)) for x, y, _ in around)
-    assert near == pytest.approx(CUT_M * math.sqrt(2), abs=1e-6), "the chord is 5 cm from the corner"
+    assert near == pytest.approx(TOLERANCE_M * math.sqrt(2), abs=1e-6), "the chord is 5 cm from the corner"

@@ -2,7 +2,7 @@
 
 import asyncio
 from collections.abc import Awaitable, Callable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import msgspec
 from msgspec import Meta, Raw, Struct
@@ -11,11 +11,9 @@ from websockets.frames import CloseCode
 from linked_fleet_agent.wire.components import COMPONENTS_VERSION, MAX_SAMPLE_BYTES, Sample, read_value
 from linked_fleet_agent.wire.messages import StreamCounts
 from linked_fleet_gateway.api import Invocation, Robot
+from linked_fleet_gateway.extensions.components.offers import ComponentOffer
+from linked_fleet_gateway.extensions.components.part import ComponentPart
 from linked_fleet_gateway.faces import invocation_path
-
-if TYPE_CHECKING:
-    from linked_fleet_gateway.extensions.components.offers import ComponentOffer
-    from linked_fleet_gateway.extensions.components.part import ComponentPart
 
 LEAST_APART_S = 0.005
 """Least time between two samples that are sent on."""
@@ -52,7 +50,7 @@ class Samples:
     """The samples of one stream. Times are seconds of the event loop's clock."""
 
     def __init__(
-        self, offer: "ComponentOffer", invocation: Invocation, send: Callable[[Sample], bool], guard: Guard
+        self, offer: ComponentOffer, invocation: Invocation, send: Callable[[Sample], bool], guard: Guard
     ) -> None:
         assert offer.declared is not None
         assert offer.declared.input is not None
@@ -131,9 +129,7 @@ class Samples:
 class Reports:
     """What the client of a stream is told: the robot's time, who drives, what became of its samples, and values."""
 
-    def __init__(
-        self, part: "ComponentPart", robot: Robot, invocation: Invocation, samples: Samples, base: str
-    ) -> None:
+    def __init__(self, part: ComponentPart, robot: Robot, invocation: Invocation, samples: Samples, base: str) -> None:
         self._part, self._robot, self._invocation, self._samples = part, robot, invocation, samples
         self.limited, self.speed_share = "", 1.0
         self._iri = base + invocation_path(invocation)

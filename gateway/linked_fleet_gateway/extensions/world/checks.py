@@ -25,7 +25,7 @@ from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
-from linked_fleet_gateway.extensions.world.driving import Driving, drives, odometry_of, valid_until_ns, velocity_of
+from linked_fleet_gateway.extensions.world.driving import Driving, odometry_of, valid_until_ns, velocity_of
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
 from linked_fleet_gateway.extensions.world.messages import (
@@ -366,7 +366,7 @@ def _name(robot: Robot, sees: View) -> str:
 def _positions(robot: Robot) -> Positions:
     """Return the known positions, and those of the joints that carry a base that may drive."""
     known = {name: position for name, position in robot.positions.items() if position == position}
-    return known | AT_REST if drives(robot) else known
+    return known | AT_REST if robot.floats else known
 
 
 def _asked(robot: Robot, key: str, base: Pose) -> Placement:

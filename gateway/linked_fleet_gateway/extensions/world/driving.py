@@ -4,21 +4,36 @@ import math
 import time
 from collections.abc import Callable
 
-from linked_fleet_agent.planar import STANDING, Pose, Velocity
+from linked_fleet_agent import planar
+from linked_fleet_agent.planar import STANDING, Velocity
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.plane import positions_of
 from linked_fleet_gateway.fleet.driving import REACTION_S, Drive
+from linked_fleet_gateway.fleet.kinematics import base_pose
+from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.xml import rotation
 
 COAST_S = 1.0
 """A base that moves, and of which this gateway knows no drive, may go on like this for so long."""
+_UPRIGHT = 1e-3
+"""Least length of the x axis of a base seen from above at which it has a heading."""
 _STILL_M_S, _STILL_RAD_S = 0.01, 0.02
 _MARGIN_S = 0.5
 
 
-def drives(robot: Robot) -> bool:
-    """Return True if the base of the robot is not fixed."""
-    return robot.description is not None and robot.description.base == "floating"
+def heading_of(pose: Pose) -> float | None:
+    """Return the direction of the x axis seen from above (rad); None if that points up or down."""
+    turned = rotation(pose.orientation_xyzw)
+    x, y = turned[0][0], turned[1][0]
+    return None if math.hypot(x, y) < _UPRIGHT else math.atan2(y, x)
+
+
+def odometry_of(robot: Robot) -> planar.Pose | None:
+    """Return where the base is in its odometry frame; None if that is unknown."""
+    pose = base_pose(None if robot.frame is None else robot.frame.base)
+    heading = None if pose is None else heading_of(pose)
+    return None if pose is None or heading is None else planar.Pose(pose.position_m[0], pose.position_m[1], heading)
 
 
 def velocity_of(robot: Robot) -> Velocity:
@@ -26,20 +41,7 @@ def velocity_of(robot: Robot) -> Velocity:
     base, pose = None if robot.frame is None else robot.frame.base, odometry_of(robot)
     if base is None or pose is None or not all(map(math.isfinite, (*base.linear_m_s, *base.angular_rad_s))):
         return STANDING
-    heading = pose.heading
-    cosine, sine = math.cos(heading), math.sin(heading)
-    forward, left, _ = base.linear_m_s
-    return Velocity(forward * cosine + left * sine, left * cosine - forward * sine, base.angular_rad_s[2])
-
-
-def odometry_of(robot: Robot) -> Pose | None:
-    """Return where the base is in its odometry frame; None if that is unknown."""
-    base = None if robot.frame is None else robot.frame.base
-    if base is None or not all(map(math.isfinite, (*base.position_m, *base.orientation_xyzw))):
-        return None
-    x, y, z, w = base.orientation_xyzw
-    heading = math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-    return Pose(base.position_m[0], base.position_m[1], heading)
+    return Velocity(base.linear_m_s[0], base.linear_m_s[1], base.angular_rad_s[2]).turned(-pose.heading)
 
 
 def valid_until_ns(robot: Robot) -> int:
@@ -69,14 +71,14 @@ class Driving:
 
         Drives that another gateway has let begin are seen once the base moves.
         """
-        if not drives(robot):
+        if not robot.floats:
             return {}
         now, (drive, until_s) = velocity_of(robot), self._begun.get(robot.name, (None, 0.0))
         if drive is not None and self._now_s() < until_s:
-            return positions_of(drive.ways(now)[-1][-1])
+            return positions_of(drive.end(now))
         self._begun.pop(robot.name, None)
         linear, lateral, angular = now
         if math.hypot(linear, lateral) < _STILL_M_S and abs(angular) < _STILL_RAD_S:
             return {}
-        there = Pose().moved(linear * COAST_S, angular * COAST_S, lateral * COAST_S)
-        return positions_of(Pose(there.x, there.y, angular * COAST_S))
+        there = planar.Pose().moved(linear * COAST_S, angular * COAST_S, lateral * COAST_S)
+        return positions_of(there._replace(heading=angular * COAST_S))

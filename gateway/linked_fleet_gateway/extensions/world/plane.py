@@ -6,10 +6,11 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 from linked_fleet_agent.planar import Pose
 from linked_fleet_gateway.extensions.world.messages import DrivenWay, MotionPath, PathSegment, Positions
 from linked_fleet_gateway.extensions.world.other_motions import paths_along
-from linked_fleet_gateway.fleet.driving import PLANE
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.xml import parse_xml
 
+PLANE = ("plane x", "plane y", "plane turn")
+"""Names of the joints by which a base slides and turns: metre, metre, radian."""
 AT_REST: Positions = dict.fromkeys(PLANE, 0.0)
 _LINKS = ("floor", "floor x", "floor y")
 

@@ -20,7 +20,6 @@ from linked_fleet_gateway.api import cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.models.geometry import file_name, meshes_of
 from linked_fleet_gateway.extensions.models.meshes import Meshes
-from linked_fleet_gateway.extensions.world.driving import drives
 from linked_fleet_gateway.extensions.world.floor_map import OBSTACLES_KEY, FloorMap
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
@@ -268,7 +267,7 @@ class Preparation:
         if self._checker.is_prepared(_stand_in(key)):
             return
         assert robot.description is not None
-        question = Prepare(_stand_in(key), robot.description.urdf, {}, {}, NO_MESHES, drives(robot))
+        question = Prepare(_stand_in(key), robot.description.urdf, {}, {}, NO_MESHES, robot.floats)
         answer = await self._checker.ask(question, _PREPARE_S)
         if isinstance(answer, Ready):
             self._unchecked[key] = answer.unchecked
@@ -295,7 +294,7 @@ class Preparation:
         sent: set[str] = set()
         while True:
             why = f"{_ENDED} while it prepared the robot" if self._ended[key, ""] >= _MOST_TRIES else ""
-            question = Prepare(key, robot.description.urdf, names, unusable, why, drives(robot))
+            question = Prepare(key, robot.description.urdf, names, unusable, why, robot.floats)
             answer = await self._checker.ask(question, _PREPARE_S)
             if not isinstance(answer, MeshesMissing):
                 self._ended[key, ""] += answer == NO_ANSWER

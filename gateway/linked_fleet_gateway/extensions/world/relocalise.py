@@ -8,6 +8,7 @@ in the plane, so that the base stands where it was said to be. Height and tilt s
 import math
 
 from linked_fleet_gateway.api import ActionRequest, Call, Conflict, Core, Graph, Operation, Robot
+from linked_fleet_gateway.extensions.world.driving import heading_of
 from linked_fleet_gateway.extensions.world.placement import (
     LF,
     PLACEMENT,
@@ -20,18 +21,7 @@ from linked_fleet_gateway.extensions.world.placement import (
 from linked_fleet_gateway.extensions.world.scene import FARTHEST_M
 from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose
 from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.xml import rotation
 from linked_fleet_gateway.rdf.vocabulary import MATHS
-
-_UPRIGHT = 1e-3
-"""Least length of the x axis of a base seen from above at which it has a heading."""
-
-
-def heading_of(pose: Pose) -> float | None:
-    """Return the direction of the x axis seen from above (rad); None if that points up or down."""
-    turned = rotation(pose.orientation_xyzw)
-    x, y = turned[0][0], turned[1][0]
-    return None if math.hypot(x, y) < _UPRIGHT else math.atan2(y, x)
 
 
 def flat_pose(x: float, y: float, heading: float) -> Pose:
