@@ -1,6 +1,7 @@
 # make demo    six simulated robots and the gateway, browsable at one address (PORT=8000)
 # make test    the tests (PYTEST_ARGS="-k wire" for some of them)
 # make test-extension  the tests of one extension, in a minute (NAME=world)
+# NEW_EXAMPLES=1: property-based tests draw new examples instead of the same ones each time.
 # make test-all  everything: clusters, long histories, fuzzing, an hour of faults, the compose fleet (LONG_ARGS="-k histories")
 # make check   lint, types, imports between packages, the agent with its two dependencies alone
 # make bench-robots  processor time and memory of one and two gateways with a thousand robots (docs/SCALE.md)
