@@ -16,6 +16,7 @@ USED, _CHANGED = 0.7, 0.85
 """The share of its limits by which a base follows a path, and the one that it has to correct errors."""
 LOST_M = 0.25
 """A base that is further off its path does not go on."""
+_ORIGIN = Pose()
 _TURNED_RAD, _THERE_M = 0.004, 0.002
 _APPROACH_S = 0.1
 """Time constant by which it comes to rest, so that a delay does not let it pass its target."""
@@ -231,6 +232,33 @@ def from_here(pose: Pose, path: Sequence[Pose]) -> list[Pose]:
     share = ((pose.x - x) * along[0] + (pose.y - y) * along[1]) / max(length**2, 1e-12)
     off = math.hypot(pose.x - x - share * along[0], pose.y - y - share * along[1])
     return list(path[1:] if 0.0 <= share <= 1.0 and off <= TOLERANCE_M else path)
+
+
+class PosesAhead:
+    """The poses of a path that a base has not passed yet."""
+
+    def __init__(self, start: Pose = _ORIGIN, path: Sequence[Pose] = ()) -> None:
+        self._before, self.poses = start, list(path)
+
+    def advance(self, pose: Pose) -> None:
+        """Leave out the poses that a base has passed: it is nearer to the leg behind the pose than to the one before.
+
+        The last pose stays.
+        """
+        while len(self.poses) > 1 and _to_leg_m(pose, *self.poses[:2]) < _to_leg_m(pose, self._before, self.poses[0]):
+            self._before = self.poses.pop(0)
+
+    def clear(self) -> None:
+        """Leave out all: the base does not follow the path any more."""
+        self.poses.clear()
+
+
+def _to_leg_m(at: Pose, start: Pose, end: Pose) -> float:
+    """Return how far a pose is from the straight way between two others."""
+    along, length = (end.x - start.x, end.y - start.y), math.hypot(end.x - start.x, end.y - start.y)
+    share = ((at.x - start.x) * along[0] + (at.y - start.y) * along[1]) / max(length**2, 1e-12)
+    share = min(max(share, 0.0), 1.0)
+    return math.hypot(at.x - start.x - share * along[0], at.y - start.y - share * along[1])
 
 
 class Tracker:

@@ -5,7 +5,7 @@ processes that import it load neither HTTP nor Zenoh, so it has some names of ``
 ``VERSION`` counts changes that break extensions.
 """
 
-from linked_fleet_gateway.identity.rights import EVERYBODY, Claims, Credential, Identity, Right, TokenHash, View
+from linked_fleet_gateway.identity.rights import ALL, EVERYBODY, Claims, Credential, Identity, Right, TokenHash, View
 from linked_fleet_gateway.resources.action_offer import ActionDefinition, Offer, action_definitions, offers_at
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.annotations import named_poses
@@ -29,7 +29,7 @@ from linked_fleet_gateway.resources.json_form import (
     form_of_input,
     form_of_target,
 )
-from linked_fleet_gateway.resources.part import PartCopier, RobotPart, parts_of
+from linked_fleet_gateway.resources.part import PartCopier, RobotPart, parts_of, path_ahead
 from linked_fleet_gateway.resources.paths import (
     joint_path,
     lease_path,
@@ -51,13 +51,13 @@ from linked_fleet_gateway.resources.versioning import Reading
 VERSION = 1
 
 __all__ = [
-    "EVERYBODY", "HTML", "VERSION", "VOCABULARY", "ActionDefinition", "Body", "Claims", "Credential", "DeclaredForm",
-    "Describer", "DescriptionTemplate", "Form", "Identity", "Invoke", "Json", "Measurement", "NavigationEntry",
-    "Offer", "PageContext", "PartCopier", "Property", "Reader", "Reading", "RelativePose", "Resource", "Right",
-    "RobotPart", "Rows", "Setting", "ThingDocument", "TokenHash", "Tree", "View", "action_definitions",
-    "commandable_joints", "describe_invocation", "describe_lease", "describe_request_shape", "describe_terms",
-    "form_in", "form_of", "form_of_input", "form_of_target", "invocation_path", "joint_path", "kind_of", "last_frame",
-    "lease_path", "lexical_time", "link_path", "managed_statements", "named_poses", "offers_at",
-    "part_path", "part_paths", "parts_of", "properties_at", "relative_pose", "robot_of", "robot_path",
-    "round_to_resolution", "run_steps", "thing_at", "unchecked_links", "validate_body",
+    "ALL", "EVERYBODY", "HTML", "VERSION", "VOCABULARY", "ActionDefinition", "Body", "Claims", "Credential",
+    "DeclaredForm", "Describer", "DescriptionTemplate", "Form", "Identity", "Invoke", "Json", "Measurement",
+    "NavigationEntry", "Offer", "PageContext", "PartCopier", "Property", "Reader", "Reading", "RelativePose",
+    "Resource", "Right", "RobotPart", "Rows", "Setting", "ThingDocument", "TokenHash", "Tree", "View",
+    "action_definitions", "commandable_joints", "describe_invocation", "describe_lease", "describe_request_shape",
+    "describe_terms", "form_in", "form_of", "form_of_input", "form_of_target", "invocation_path", "joint_path",
+    "kind_of", "last_frame", "lease_path", "lexical_time", "link_path", "managed_statements", "named_poses",
+    "offers_at", "part_path", "part_paths", "parts_of", "path_ahead", "properties_at", "relative_pose", "robot_of",
+    "robot_path", "round_to_resolution", "run_steps", "thing_at", "unchecked_links", "validate_body",
 ]  # fmt: skip

@@ -18,6 +18,7 @@ from linked_fleet_agent.components.kinds import (
     Corner,
     Lateral,
     Linear,
+    PathPose,
     PlanarLimits,
     PlanarPose,
     PlanarTwist,
@@ -25,7 +26,7 @@ from linked_fleet_agent.components.kinds import (
 from linked_fleet_agent.components.path_following import following
 from linked_fleet_agent.components.schemas import unit
 from linked_fleet_agent.components.ticks import Ticks
-from linked_fleet_agent.path_tracking import PathError
+from linked_fleet_agent.path_tracking import PathError, PosesAhead
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Ramp, Velocity
 from linked_fleet_agent.wire import messages
 from linked_fleet_agent.wire.components import BASE, StreamLimits
@@ -65,6 +66,7 @@ class VelocityBase(Base, blocking=False):
     def __init__(self) -> None:
         self.ramp = Ramp(self.limits)
         self.pose_now, self.velocity_now = Pose(), STANDING
+        self.ahead = PosesAhead()
         self._ticked_s: float | None = None
         self._driver: Call[PlanarTwist] | None = None
         self._ticks = Ticks()
@@ -110,6 +112,11 @@ class VelocityBase(Base, blocking=False):
         return PlanarLimits(
             most.linear, most.lateral, most.angular, most.linear_acceleration, most.angular_acceleration
         )
+
+    @value
+    def path(self) -> list[PathPose]:
+        """Return the poses that it has yet to pass on the path that it follows; none if it follows none."""
+        return [PathPose(round(each.x, 4), round(each.y, 4), round(each.heading, 4)) for each in self.ahead.poses]
 
     @property
     def reading(self) -> messages.Base:

@@ -181,8 +181,9 @@ class Base(Component, kind=LF + "Base", rename="camel", rate_hz=10):
     """A base that drives in the plane.
 
     Write the values ``pose`` (in its odometry frame), ``twist`` and ``footprint`` (corners, counterclockwise), if
-    possible ``drive_limits``, without which gateways do not know how it brakes and check no way for collisions, and the
-    action ``drive(linear, angular, duration)``, which moves ``BASE``, whose parameters have defaults, and which lasts a
+    possible ``drive_limits``, without which gateways do not know how it brakes and check no way for collisions, and
+    ``path``, the poses that it has yet to pass, by which gateways keep others off its way. Write the action
+    ``drive(linear, angular, duration)``, which moves ``BASE``, whose parameters have defaults, and which lasts a
     second at most. It may have ``follow_path(path, speed) -> Arrived``. ``linked_fleet_agent.components.driving`` has
     all of it for a base that takes velocities.
     """

@@ -10,7 +10,7 @@ from msgspec import Meta
 from linked_fleet_agent.components.call import Call
 from linked_fleet_agent.components.component import action
 from linked_fleet_agent.components.kinds import Arrived, PathPose, PathSpeed, PlanarPose
-from linked_fleet_agent.path_tracking import PathError, Tracker, from_here
+from linked_fleet_agent.path_tracking import PathError, PosesAhead, Tracker, from_here
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Ramp, Velocity
 
 MOST_POSES = 64
@@ -27,6 +27,7 @@ class Driving(Protocol):
 
     ramp: Ramp
     pose_now: Pose
+    ahead: PosesAhead
 
     @property
     def limits(self) -> DriveLimits: ...
@@ -59,6 +60,7 @@ async def follow(base: Driving, call: Call[PlanarPose], tracker: Tracker) -> Non
     watch = Watch()
     while not tracker.finished:
         now_s = await base.tick()
+        base.ahead.advance(base.pose_now)
         share = base.speed_share
         wanted = tracker.wanted(base.pose_now, base.ramp.velocity, now_s, share)
         # The ramp takes the same share of all that is requested.
@@ -73,13 +75,17 @@ async def track(
 ) -> None:
     """Follow a path from where the base is. One that moves goes on, or stops first if it moves otherwise."""
     tracker, moving = None, base.ramp.velocity
-    if moving != STANDING:
-        tracker = Tracker(base.pose_now, from_here(base.pose_now, path), base.limits, speed, reverse)
-        tracker = tracker if tracker.join(moving) else None
-    if tracker is None:
-        await _stand(base)
-        tracker = Tracker(base.pose_now, path, base.limits, speed, reverse)
-    await follow(base, call, tracker)
+    ahead = base.ahead = PosesAhead(base.pose_now, path)
+    try:
+        if moving != STANDING:
+            tracker = Tracker(base.pose_now, from_here(base.pose_now, path), base.limits, speed, reverse)
+            tracker = tracker if tracker.join(moving) else None
+        if tracker is None:
+            await _stand(base)
+            tracker = Tracker(base.pose_now, path, base.limits, speed, reverse)
+        await follow(base, call, tracker)
+    finally:
+        ahead.clear()
 
 
 async def _stand(base: Driving) -> None:

@@ -133,6 +133,7 @@ _X, _Y, _HEADING = _number("x", "M"), _number("y", "M"), _number("heading", "RAD
 _POSE = _object("x", "y", "heading", x=_X, y=_Y, heading=_HEADING)
 _LINEAR, _LATERAL = _number("linearVelocity", "M-PER-SEC"), _number("lateralVelocity", "M-PER-SEC")
 _ANGULAR = _number("angularVelocity", "RAD-PER-SEC")
+_PATH = Schema(type="array", semantic_type=LF + "path", items=_object("x", "y", x=_X, y=_Y, heading=_HEADING))
 _BASE = Kind(
     least=Component(
         name="base",
@@ -155,6 +156,7 @@ _BASE = Kind(
                 ),
                 semantic_type=LF + "driveLimits",
             ),
+            path=_PATH,
         ),
         actions={
             "drive": Action(
@@ -166,11 +168,7 @@ _BASE = Kind(
                 semantic_type=LF + "FollowPath",
                 input=_object(
                     "path",
-                    path=Schema(
-                        type="array",
-                        semantic_type=LF + "path",
-                        items=_object("x", "y", x=_X, y=_Y, heading=_HEADING),
-                    ),
+                    path=_PATH,
                     speed=_number("speedShare", "", 0, 1),
                 ),
                 result=_object(
@@ -183,7 +181,7 @@ _BASE = Kind(
             ),
         },
     ),
-    optional=frozenset({"driveLimits", "followPath"}),
+    optional=frozenset({"driveLimits", "followPath", "path"}),
 )
 KINDS: Mapping[str, Kind] = {
     each.least.semantic_type: each for each in (_GRIPPER, _BATTERY, _SWITCH, _MODE, _DIAGNOSTICS, _BASE)

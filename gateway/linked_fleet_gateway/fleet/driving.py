@@ -81,11 +81,19 @@ class Drive(Struct, frozen=True):
 
 
 class FollowedPath(Struct, frozen=True):
-    """A path in the odometry frame that a base follows. A pose without heading has NaN."""
+    """A path in the odometry frame that a base follows. A pose without heading has NaN.
+
+    ``limits`` are those of the base, if it says how it brakes.
+    """
 
     poses: tuple[Pose, ...]
     reverse: bool = False
-    lateral: bool = False
+    limits: DriveLimits | None = None
+
+    @property
+    def lateral(self) -> bool:
+        """True if the base can drive sideways."""
+        return self.limits is not None and self.limits.lateral > 0.0
 
     def ways(self, now: Pose) -> tuple[tuple[Pose, ...], ...]:
         """Return the way through all poses, and the one that cuts corners, for a base at this pose.

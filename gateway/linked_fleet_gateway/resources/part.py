@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_gateway.fleet.driving import FollowedPath
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
@@ -71,6 +72,10 @@ class RobotPart(Protocol):
     def battery_percent(self) -> float | None:
         """The charge of the battery, if it is one whose charge is known."""
 
+    @property
+    def path_ahead(self) -> FollowedPath | None:
+        """The path that a base follows, from where it is now, as it says; None if it follows none."""
+
     def properties(self, base: str) -> "Sequence[Property]":
         """Return its properties under a base URL."""
 
@@ -99,6 +104,11 @@ class RobotPart(Protocol):
 def parts_of(robot: Robot) -> Mapping[str, RobotPart]:
     """Return the parts that extensions have added to a robot, by segment."""
     return robot.parts
+
+
+def path_ahead(robot: Robot) -> FollowedPath | None:
+    """Return the path that the base of a robot follows, from where it is now; None if it says none."""
+    return next((path for each in parts_of(robot).values() if (path := each.path_ahead) is not None), None)
 
 
 def part_of(robot: Robot, invocation: Invocation) -> RobotPart | None:

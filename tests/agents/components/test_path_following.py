@@ -7,6 +7,7 @@ import pytest
 
 from driven_base import Driven
 from linked_fleet_agent.components.declaration import declare
+from linked_fleet_agent.components.kinds import PathPose
 from linked_fleet_agent.planar import STANDING, Pose
 from linked_fleet_agent.wire.messages import Accepted, Refused
 from paths import LEVEL_RAD, PLACE_M, off_m
@@ -50,6 +51,27 @@ async def test_it_follows_a_path_and_says_how_near_it_came() -> None:
     assert bench.base.at == pytest.approx((1, 1, 1.5), abs=0.02)
     assert off_m(bench.poses, [Pose(), Pose(1, 0), Pose(1, 1)]) <= 0.05
     assert bench.base.sent[-1] == STANDING
+
+
+async def test_it_publishes_the_poses_that_it_has_yet_to_pass() -> None:
+    """Whoever drives near it keeps off these."""
+    bench, seen = Follower(), list[list[object]]()
+    bench.follow(path=[{"x": 0.5, "y": 0}, *ROUND])
+    while not seen or bench.base.path:
+        await bench.tick()
+        seen += [] if seen and bench.base.path == seen[-1] else [bench.base.path]
+    ends = PathPose(0.5, 0.0, 0.0), PathPose(1.0, 0.0, 0.0), PathPose(1.0, 1.0, 1.5)
+    assert seen == [list(ends), list(ends[1:]), list(ends[2:]), []]
+
+
+@pytest.mark.parametrize("way", ["stop", "gateway", "protective stop"])
+async def test_an_interrupted_path_is_not_ahead_any_more(way: str) -> None:
+    bench = Follower()
+    await bench.going()
+    assert bench.base.path
+    bench.interrupt(way)
+    await bench.tick(0.3)
+    assert bench.base.path == []
 
 
 async def test_a_rehearsal_says_how_long_it_takes() -> None:

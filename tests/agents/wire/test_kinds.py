@@ -44,7 +44,7 @@ def test_the_least_component_of_a_kind_conforms_and_can_be_declared(kind: str) -
 
 
 def test_a_base_may_lack_what_only_some_can_do() -> None:
-    for path in (("actions", "followPath"), ("properties", "driveLimits")):
+    for path in (("actions", "followPath"), ("properties", "driveLimits"), ("properties", "path")):
         assert kind_problem(changed("Base", path, ABSENT)) == ""
     other = changed("Base", ("actions", "followPath", "moves"), ["wheel"])
     assert "an action 'followPath' that moves base" in kind_problem(other)

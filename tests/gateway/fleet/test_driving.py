@@ -9,6 +9,7 @@ from linked_fleet_agent.smooth_path import TOLERANCE_M
 from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath
 
 LIMITS = DriveLimits(linear=1.0, angular=1.5, linear_acceleration=1.0, angular_acceleration=2.0)
+SIDEWAYS = DriveLimits(linear=1.0, angular=1.5, linear_acceleration=1.0, angular_acceleration=2.0, lateral=0.5)
 NO_HEADING = math.nan
 
 
@@ -38,7 +39,7 @@ def test_a_share_that_fits_needs_that_share_of_the_way() -> None:
         (FollowedPath((Pose(0, 1, NO_HEADING),)), [(0, 0, math.pi / 2), (0, 1, math.pi / 2)]),
         (FollowedPath((Pose(-1, 0, NO_HEADING),), reverse=True), [(0, 0, 0), (-1, 0, 0)]),
         (FollowedPath((Pose(1, 0, -1.0),)), [(0, 0, 0), (1, 0, 0), (1, 0, -1.0)]),
-        (FollowedPath((Pose(0, 1, 0.5),), lateral=True), [(0, 1, 0.5), (0, 1, 0.5)]),
+        (FollowedPath((Pose(0, 1, 0.5),), limits=SIDEWAYS), [(0, 1, 0.5), (0, 1, 0.5)]),
     ],
 )
 def test_a_path_turns_drives_and_turns(path: FollowedPath, said: list[tuple[float, float, float]]) -> None:

@@ -10,6 +10,7 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_agent.wire.components import BASE, Component
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.kinds import KINDS
+from linked_fleet_gateway.extensions.components.bases import followed_path, is_base
 from linked_fleet_gateway.extensions.components.declarations import CompiledComponent, compile_declarations
 from linked_fleet_gateway.extensions.components.items import (
     event_item,
@@ -24,6 +25,7 @@ from linked_fleet_gateway.extensions.components.state import ComponentState, Rob
 from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.extensions.components.values import add_members, add_value
 from linked_fleet_gateway.faces import Json, Offer, PartCopier, Property, joint_path, link_path, part_path, robot_path
+from linked_fleet_gateway.fleet.driving import FollowedPath
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
@@ -85,6 +87,11 @@ class ComponentPart:
             return None
         charge = self.state.value("charge")
         return None if charge is None else float(charge)
+
+    @property
+    def path_ahead(self) -> FollowedPath | None:
+        path = self.state.value("path") if is_base(self.declared) and self.is_current else None
+        return followed_path(self.state, path) if path else None
 
     @property
     def shapes(self) -> Sequence[NamedNode]:

@@ -1,18 +1,11 @@
 """Collision checks of motions before they are accepted: questions to the check process, and their answers.
 
 A robot without a placement is not checked. A motion is refused unless its path was found free.
-
-The paths that a motion may take, and the configurations in which other moving robots may be met, are computed without
-side effects; radian, metre, second. A motion of joints at rest is linear in joint space; a trajectory passes its
-waypoints on the cubics of Fritsch and Carlson, like the agent. Joints that another motion moves meanwhile may be
-anywhere between their position and their target. They are checked at both ends, and moving in parallel with this
-motion.
 """
 
 import asyncio
 import math
-from collections.abc import Collection, Iterable, Mapping
-from itertools import pairwise
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -20,28 +13,20 @@ from typing import Self
 from msgspec.structs import replace
 
 from linked_fleet_agent.planar import STANDING
-from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.api import Motion
-from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_gateway.base.errors import Busy, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
-from linked_fleet_gateway.extensions.world.driving import Driving, odometry_of, valid_until_ns, velocity_of
+from linked_fleet_gateway.extensions.world.driving import Driving, valid_until_ns
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
-    Check,
     CheckFailed,
     CollisionFound,
-    DrivenWay,
     Free,
-    MotionPath,
-    PathSegment,
-    Placement,
-    Positions,
     UncheckedNear,
 )
-from linked_fleet_gateway.extensions.world.other_motions import paths_along
 from linked_fleet_gateway.extensions.world.placement import (
     LF,
     accepts_unchecked,
@@ -49,69 +34,21 @@ from linked_fleet_gateway.extensions.world.placement import (
     placement_of,
     pose_in_world,
 )
-from linked_fleet_gateway.extensions.world.plane import AT_REST, legs_of
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
+from linked_fleet_gateway.extensions.world.questions import Questions, base_of
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
-from linked_fleet_gateway.faces import View, unchecked_links
+from linked_fleet_gateway.faces import ALL, View, unchecked_links
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
-from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.serving import Act, Live, Worker
 
-CONFIGURATION_STEP_RAD = 0.05  # also metre
-MOST_CONFIGURATIONS = 24
-
-
-def paths_of(motion: Move | Follow, start: Positions, elsewhere: Mapping[str, float]) -> tuple[MotionPath, ...]:
-    """Return the paths from ``start``; ``elsewhere`` are the targets of joints in other motions."""
-    return paths_along(_legs(motion, start), start, elsewhere)
-
-
-def sampled_configurations(start: Positions, ends: Mapping[str, float]) -> tuple[Positions, ...]:
-    """Return joint positions at equal steps between ``start`` and ``ends``; the first are the present ones."""
-    moved = {name: end - start[name] for name, end in ends.items() if name in start}
-    count = min(MOST_CONFIGURATIONS, round(max(map(abs, moved.values()), default=0.0) / CONFIGURATION_STEP_RAD + 0.5))
-    shares = [(i + 1) / count for i in range(count)]
-    return (start, *({name: start[name] + share * way for name, way in moved.items()} for share in shares))
-
-
-def _legs(motion: Move | Follow, start: Positions) -> tuple[PathSegment, ...]:
-    if isinstance(motion, Move):
-        return (PathSegment(dict(motion.targets)),)
-    times = (0.0, *motion.times_s)
-    rows = (tuple(start[joint] for joint in motion.joints), *motion.positions)
-    velocities = [_velocities(times, column) for column in zip(*rows, strict=True)]
-    legs = []
-    for i, (before, after) in enumerate(pairwise(times)):
-        enters, leaves = ({j: v[at] for j, v in zip(motion.joints, velocities, strict=True)} for at in (i, i + 1))
-        legs.append(PathSegment(dict(zip(motion.joints, rows[i + 1], strict=True)), after - before, enters, leaves))
-    return tuple(legs)
-
-
-def _velocities(times: Iterable[float], positions: Iterable[float]) -> list[float]:
-    """Return the velocities at the waypoints, from rest to rest (Fritsch and Butland, 1984)."""
-    steps = [after - before for before, after in pairwise(times)]
-    slopes = [(after - before) / step for (before, after), step in zip(pairwise(positions), steps, strict=True)]
-    inner = [_slope(*one, *other) for one, other in pairwise(zip(steps, slopes, strict=True))]
-    return [0.0, *inner, 0.0]
-
-
-def _slope(step: float, slope: float, next_step: float, next_slope: float) -> float:
-    if slope * next_slope <= 0.0:
-        return 0.0
-    weight, next_weight = 2.0 * next_step + step, next_step + 2.0 * step
-    return (weight + next_weight) / (weight / slope + next_weight / next_slope)
-
-
 _MOST_SPEEDS = 5
 """Speeds at which a drive is checked."""
 _FLOOR = 0.95
 """Share of the speed that seems to fit at which a drive is checked anew, because its way changes a little."""
-WITHIN_S = 1.0
-"""Processor time for the check of one motion, in seconds."""
 EARLY_S = 30.0
 """Longest wait of a motion for the start of the process and for shapes that are being prepared."""
 _TIMEOUT_S = 3.0  # for a check including its wait for a turn and for the processor
@@ -148,6 +85,7 @@ class Checks:
         self._refusals = Refusals(live.fleet.robots, objects, maps)
         self._waiting = self._early = 0
         self._driving = Driving()
+        self._questions = Questions(live, self._preparation, self._driving, objects, maps)
 
     async def __aenter__(self) -> Self:
         self._preparation.open()
@@ -215,8 +153,53 @@ class Checks:
         robots = self._prepared_around(motion.robot, sees)
         if isinstance(act := motion.motion, Act) and act.drive is not None:
             return await self._check_drive(motion.robot, act.drive, robots, sees, own)
-        question = self._question(motion, robots, sees, own)
+        if own and isinstance(act, Act) and act.path is not None:
+            return await self._check_path(motion.robot, act.path, robots, sees, own)
+        question = self._questions.about(motion, robots, sees, own)
         return self._finding(motion.robot, await self._checker.ask(question, _ANSWER_S))
+
+    async def _check_path(self, robot: Robot, path: FollowedPath, robots: list[Robot], sees: View, own: str) -> Finding:
+        """Check a path that others see already: of two that begin at once, at least one sees the other."""
+        self._driving.follow(robot, path)
+        try:
+            return self._finding(
+                robot, await self._checker.ask(self._questions.followed(robot, path, robots, sees, own), _ANSWER_S)
+            )
+        except MotionRefused:
+            self._driving.forget(robot)
+            raise
+
+    # -- paths that are followed ------------------------------------------------------------------------------------
+
+    @property
+    def surroundings(self) -> object:
+        """What differs once an object, a zone or the map has changed."""
+        floor = self._maps.get(MAP_ID)
+        return {id: (key_of(each), each.pose) for id, each in self._objects.items()}, floor and floor.obstacles_key
+
+    def path_of(self, robot: Robot) -> FollowedPath | None:
+        """Return the path that the base of a robot with a placement follows."""
+        return self._driving.path_of(robot) if is_placed(robot) else None
+
+    def is_somebody_near(self, robot: Robot, within_m: float) -> bool:
+        """Return True if another robot may be within a distance of the way of a robot. Raises Unchecked."""
+        here = base_of(robot, ALL).position_m
+        return any(
+            math.dist(base_of(each, ALL).position_m, here) <= within_m + self._preparation.reach_m(robot, each)
+            for each in self._live.fleet.robots.values()
+            if each is not robot and is_placed(each)
+        )
+
+    async def check_ahead(self, robot: Robot, path: FollowedPath, own: str) -> None:
+        """Check a path that a robot follows, among others as they are now. Raises Collides, Unchecked."""
+        with self._checker.in_use():
+            robots = self._prepared_around(robot, ALL)
+            question = self._questions.followed(robot, path, robots, ALL, own, as_they_are=True)
+            answer = await self._checker.ask(question, _ANSWER_S)
+        if isinstance(answer, CollisionFound):
+            raise self._collision(robot, answer)
+        if isinstance(answer, CheckFailed):
+            raise Unchecked(answer.reason)
 
     async def _check_drive(self, robot: Robot, drive: Drive, robots: list[Robot], sees: View, own: str) -> Finding:
         if drive.velocity == STANDING:
@@ -225,7 +208,7 @@ class Checks:
         for attempt in range(_MOST_SPEEDS):
             slower = drive.slowed(share)
             until_ns = valid_until_ns(robot)
-            question = self._driven(robot, slower, robots, sees, own)
+            question = self._questions.driven(robot, slower, robots, sees, own)
             answer = await self._checker.ask(question, _ANSWER_S)
             if not isinstance(answer, CollisionFound):
                 break
@@ -265,11 +248,11 @@ class Checks:
                 raise Unchecked(f"The placement of {_name(each, sees)} cannot be read; PUT or DELETE it.")
         if not is_placed(robot):
             raise Unchecked(f"{robot.name} has no placement or no description any more.")
-        here = _base(robot, sees).position_m
+        here = base_of(robot, sees).position_m
         found = []
         for each in self._live.fleet.robots.values():
             if is_placed(each):
-                if math.dist(_base(each, sees).position_m, here) <= NEAR_M:
+                if math.dist(base_of(each, sees).position_m, here) <= NEAR_M:
                     found.append(each)
             elif self._is_unknown_near(each, here):
                 raise Unchecked(f"The shape of {_name(each, sees)} is unknown, because it has no usable description.")
@@ -303,57 +286,6 @@ class Checks:
                 raise Unchecked(f"The shape of {name} is not known yet: {why}.")
         return robots
 
-    # -- the question -----------------------------------------------------------------------------------------------
-
-    def _question(self, motion: Motion, robots: list[Robot], sees: View, own: str) -> Check:
-        robot = motion.robot
-        if isinstance(moved := motion.motion, Act):
-            return self._followed(robot, moved.path, robots, sees, own)
-        start = _positions(robot)
-        if missing := [name for name in motion.targets if name not in start]:
-            raise Unchecked(
-                f"It is unknown if {robot.name} would collide, because the place of {missing[0]} is unknown."
-            )
-        paths = paths_of(moved, start, self._underway(robot, own))
-        return self._checking(robot, paths, robots, sees)
-
-    def _followed(self, robot: Robot, path: FollowedPath | None, robots: list[Robot], sees: View, own: str) -> Check:
-        here = odometry_of(robot)
-        if path is None or here is None:
-            raise Unchecked(f"It is unknown if {robot.name} would collide, because its way is unknown.")
-        start, elsewhere = _positions(robot), self._underway(robot, own)
-        ways = [paths_along(legs_of(way), start, elsewhere) for way in path.ways(here)]
-        return self._checking(robot, tuple(each for paths in ways for each in paths), robots, sees)
-
-    def _driven(self, robot: Robot, drive: Drive, robots: list[Robot], sees: View, own: str) -> Check:
-        now, before = velocity_of(robot), self._driving.wanted(robot)
-        driven = DrivenWay(drive, now, before, _positions(robot), self._underway(robot, own))
-        return replace(self._checking(robot, (), robots, sees), driven=driven)
-
-    def _checking(self, robot: Robot, paths: tuple[MotionPath, ...], robots: list[Robot], sees: View) -> Check:
-        return Check(
-            _asked(robot, self._preparation.key(robot), _base(robot, sees)),
-            paths,
-            tuple(self._stood(each, sees) for each in robots if each is not robot),
-            tuple(Placement(id, key_of(thing), thing.pose) for id, thing in self._objects.items()),
-            WITHIN_S,
-            "" if (floor := self._maps.get(MAP_ID)) is None else floor.obstacles_key,
-        )
-
-    def _stood(self, robot: Robot, sees: View) -> Placement:
-        name = robot.name if sees.includes(robot.name) else ""
-        configurations = sampled_configurations(_positions(robot), self._underway(robot, ""))
-        accepted = accepts_unchecked(robot)
-        return Placement(name, self._preparation.key_beside(robot), _base(robot, sees), configurations, accepted)
-
-    def _underway(self, robot: Robot, own: str) -> dict[str, float]:
-        """Return the targets of the robot's joints in other motions that have not ended."""
-        ends: dict[str, float] = {}
-        for invocation in reversed(self._live.invocations.open_of_robot(robot.name)):
-            if invocation.id != own:
-                ends |= invocation.targets
-        return ends | self._driving.ends(robot)
-
 
 def _way_is_unknown(motion: Motion) -> bool:
     return isinstance(act := motion.motion, Act) and act.drive is None and act.path is None
@@ -361,23 +293,3 @@ def _way_is_unknown(motion: Motion) -> bool:
 
 def _name(robot: Robot, sees: View) -> str:
     return robot.name if sees.includes(robot.name) else "another robot"
-
-
-def _positions(robot: Robot) -> Positions:
-    """Return the known positions, and those of the joints that carry a base that may drive."""
-    known = {name: position for name, position in robot.positions.items() if position == position}
-    return known | AT_REST if robot.floats else known
-
-
-def _asked(robot: Robot, key: str, base: Pose) -> Placement:
-    return Placement(robot.name, key, base, accepts_unchecked=accepts_unchecked(robot))
-
-
-def _base(robot: Robot, sees: View) -> Pose:
-    """Return the pose of the robot's root link in the world. Raises Unchecked if it is unknown."""
-    assert robot.model is not None
-    pose = pose_in_world(robot, robot.model.root)
-    if pose is None:
-        name = robot.name if sees.includes(robot.name) else "another robot"
-        raise Unchecked(f"The present place of {name} is unknown, so no path is known to be clear of it.")
-    return pose

@@ -4,11 +4,14 @@ import math
 import time
 from collections.abc import Callable
 
+from msgspec.structs import replace
+
 from linked_fleet_agent import planar
 from linked_fleet_agent.planar import STANDING, Velocity
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.plane import positions_of
-from linked_fleet_gateway.fleet.driving import REACTION_S, Drive
+from linked_fleet_gateway.faces import path_ahead
+from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath
 from linked_fleet_gateway.fleet.kinematics import base_pose
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
@@ -20,6 +23,9 @@ _UPRIGHT = 1e-3
 """Least length of the x axis of a base seen from above at which it has a heading."""
 _STILL_M_S, _STILL_RAD_S = 0.01, 0.02
 _MARGIN_S = 0.5
+_TOLD_S = 1.0
+"""A robot tells of the path that it follows within this time."""
+_NEAR_M = 0.1
 
 
 def heading_of(pose: Pose) -> float | None:
@@ -50,12 +56,22 @@ def valid_until_ns(robot: Robot) -> int:
     return robot.frame.monotonic_ns + round(REACTION_S * 1e9)
 
 
+def _facing(path: FollowedPath, here: planar.Pose | None) -> FollowedPath:
+    """Return the path as driven backwards if the base looks away from its first pose."""
+    if here is None or path.lateral:
+        return path
+    x, y = path.poses[0].x - here.x, path.poses[0].y - here.y
+    ahead = x * math.cos(here.heading) + y * math.sin(here.heading)
+    return replace(path, reverse=ahead < 0.0 and math.hypot(x, y) > _NEAR_M)
+
+
 class Driving:
-    """The drives that this gateway has let begin."""
+    """The drives and paths that this gateway has let begin, and the paths that robots tell of."""
 
     def __init__(self, now_s: Callable[[], float] = time.monotonic) -> None:
         self._now_s = now_s
         self._begun = dict[str, tuple[Drive, float]]()
+        self._followed = dict[str, tuple[FollowedPath, float]]()
 
     def begin(self, robot: Robot, drive: Drive) -> None:
         lasts_s = drive.duration_s + drive.limits.braking_s(drive.velocity) + _MARGIN_S
@@ -65,6 +81,26 @@ class Driving:
         """Return the velocity that the latest of these drives wants; None if there is none now."""
         drive, until_s = self._begun.get(robot.name, (None, 0.0))
         return None if drive is None or self._now_s() >= until_s else drive.velocity
+
+    def follow(self, robot: Robot, path: FollowedPath) -> None:
+        """Keep a path that was let begin until the robot tells of it."""
+        self._followed[robot.name] = path, self._now_s() + _TOLD_S
+
+    def forget(self, robot: Robot) -> None:
+        """Forget a path that was refused."""
+        self._followed.pop(robot.name, None)
+
+    def path_of(self, robot: Robot) -> FollowedPath | None:
+        """Return the path that the base follows or is about to follow, from where it is; None if there is none."""
+        path, until_s = self._followed.get(robot.name, (None, 0.0))
+        if (told := path_ahead(robot)) is not None:
+            return _facing(told, odometry_of(robot))
+        return None if path is None or self._now_s() >= until_s else path
+
+    def way(self, robot: Robot) -> tuple[planar.Pose, ...]:
+        """Return the poses on the way along that path, in the frame of the base now; nothing without a path."""
+        here, path = odometry_of(robot), self.path_of(robot)
+        return () if here is None or path is None else path.ways(here)[0]
 
     def ends(self, robot: Robot) -> Positions:
         """Return where the base may be when it stands, as positions of the joints that carry it; nothing if it stands.

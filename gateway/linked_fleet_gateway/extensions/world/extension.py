@@ -37,6 +37,7 @@ from linked_fleet_gateway.extensions.world.descriptions import (
 from linked_fleet_gateway.extensions.world.map_requests import put_map, read_image
 from linked_fleet_gateway.extensions.world.map_resources import MapImage, PutMap
 from linked_fleet_gateway.extensions.world.operations import operations
+from linked_fleet_gateway.extensions.world.path_watch import PathWatch
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD, placement, placement_of
 from linked_fleet_gateway.extensions.world.relocalise import Relocalise
 from linked_fleet_gateway.extensions.world.resources import PoseQuery, PostObject, PutObject
@@ -162,7 +163,10 @@ class WorldExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         meshes, folder = core.service(Meshes), core.state_path / "meshes"
-        async with World(core.live, meshes, core.redis_url, core.namespace, folder) as world:
+        async with (
+            World(core.live, meshes, core.redis_url, core.namespace, folder) as world,
+            PathWatch(world.checks, core.robots, core.live.invocations.open_of_robot, core.cancel),
+        ):
             yield Mount(
                 branches=(world.branch,),
                 readers={PoseQuery: partial(read_pose, world), MapImage: read_image},

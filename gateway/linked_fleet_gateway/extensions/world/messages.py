@@ -4,6 +4,7 @@ from typing import Literal
 
 from msgspec import Struct
 
+from linked_fleet_agent import planar
 from linked_fleet_agent.planar import Velocity
 from linked_fleet_gateway.extensions.world.scene import Geometry
 from linked_fleet_gateway.fleet.driving import Drive
@@ -63,7 +64,8 @@ class Placement(Struct, frozen=True):
     """The placement of a prepared robot or object: its ``name`` in answers, and ``base``, its root pose in the world.
 
     ``configurations`` are all joint positions in which it may be met: the first is complete, others contain only what
-    differs. With ``accepts_unchecked`` the links that the check does not cover are ignored.
+    differs. ``way`` are the poses on its way from where its base is now, in the frame of that. With
+    ``accepts_unchecked`` the links that the check does not cover are ignored.
     """
 
     name: str
@@ -71,6 +73,7 @@ class Placement(Struct, frozen=True):
     base: Pose
     configurations: tuple[Positions, ...] = ()
     accepts_unchecked: bool = False
+    way: tuple[planar.Pose, ...] = ()
 
 
 class PathSegment(Struct, frozen=True):
@@ -122,9 +125,13 @@ class Check(Struct, frozen=True, tag="check"):
 
 
 class Ready(Struct, frozen=True, tag="ready"):
-    """It is prepared; no check covers the ``unchecked`` links of the robot."""
+    """It is prepared; no check covers the ``unchecked`` links of the robot.
+
+    ``reach_m`` is a bound of the distance of a robot from its root.
+    """
 
     unchecked: tuple[UncheckedLink, ...] = ()
+    reach_m: float = 0.0
 
 
 class MeshesMissing(Struct, frozen=True, tag="lacks"):

@@ -5,6 +5,7 @@ Collision shapes are prepared as soon as a robot is placed; motions that need th
 
 import asyncio
 import logging
+import math
 from asyncio.subprocess import PIPE
 from collections import Counter
 from collections.abc import Collection, Mapping, Set
@@ -150,6 +151,7 @@ class Preparation:
         self._under_way: dict[str, asyncio.Task[None]] = {}
         self._unusable: dict[str, str] = {}
         self._unchecked: dict[str, tuple[UncheckedLink, ...]] = {}
+        self._reach_m: dict[str, float] = {}
         self._unusable_meshes: dict[str, dict[str, str]] = {}
         self._logged: set[str] = set()
         self._unheard: set[str] = set()
@@ -205,6 +207,10 @@ class Preparation:
         key, stand_in = self.key(robot), _stand_in(self.key(robot))
         return stand_in if not self._checker.is_prepared(key) and self._checker.is_prepared(stand_in) else key
 
+    def reach_m(self, *robots: Robot) -> float:
+        """Return a bound of how far robots reach together from their roots; infinite while that is unknown."""
+        return sum(self._reach_m.get(self.key(each), math.inf) for each in robots)
+
     async def prepare_robots(self, robots: Collection[Robot]) -> None:
         """Wait until each robot is prepared or cannot be. Cancelling one waiter does not affect others."""
         tasks = [task for robot in robots if (task := self._begin(robot)) is not None]
@@ -256,6 +262,7 @@ class Preparation:
             await self._prepare_stand_in(robot, key)
             return
         if isinstance(answer, Ready):
+            self._reach_m[key] = answer.reach_m
             self._unchecked[key] = answer.unchecked
             self._show_unchecked(robot, key)
         elif isinstance(answer, CheckFailed) and answer != NO_ANSWER:
@@ -329,6 +336,7 @@ class Preparation:
         self._keys = {name: held for name, held in self._keys.items() if name in robots}
         present = {key for _, key in self._keys.values()}
         self._unchecked = {key: links for key, links in self._unchecked.items() if key in present}
+        self._reach_m = {key: far_m for key, far_m in self._reach_m.items() if key in present}
         self._unusable = {key: why for key, why in self._unusable.items() if key in present}
         self._unusable_meshes = {key: held for key, held in self._unusable_meshes.items() if key in present}
         self._ended = Counter({key: times for key, times in self._ended.items() if key[0] in present})

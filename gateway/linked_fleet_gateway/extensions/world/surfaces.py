@@ -83,9 +83,9 @@ class Surface:
     def hull(self) -> coal.CollisionGeometry:
         """A convex shape around it: its convex hull or, if coal has none as for a flat mesh, a box."""
         try:
-            return _hull(self.vertices)
+            return convex_hull(self.vertices)
         except ModelError:
-            return _hull(_box_around(self.vertices))
+            return convex_hull(_box_around(self.vertices))
 
     def exact_shape(self) -> coal.CollisionGeometry:
         """Return the surface as a shape."""
@@ -114,7 +114,7 @@ def read_mesh(suffix: str, content: bytes) -> Surface:
         raise ModelError("it has vertices out of all bounds")
     if mesh.num_tris > MOST_TRIANGLES:
         with suppress(ModelError):
-            return Surface(*_corners(_hull(vertices)), True)
+            return Surface(*_corners(convex_hull(vertices)), True)
     if mesh.num_tris > MOST_SURFACE_TRIANGLES:
         raise ModelError(f"it has {mesh.num_tris} triangles, more than {MOST_SURFACE_TRIANGLES}, and no convex hull")
     corners = [mesh.tri_indices(i) for i in range(mesh.num_tris)]
@@ -127,7 +127,7 @@ def _fills_hull(vertices: Array, triangles: Indices) -> bool:
     if not _is_closed(triangles):
         return False
     try:
-        hull = _hull(vertices)
+        hull = convex_hull(vertices)
     except ModelError:
         return False
     points, around = _corners(hull)
@@ -178,7 +178,7 @@ def _box_around(vertices: Array) -> Array:
     return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i, j, k in np.ndindex(2, 2, 2)])
 
 
-def _hull(vertices: Array) -> coal.CollisionGeometry:
+def convex_hull(vertices: Array) -> coal.CollisionGeometry:
     """Return the convex hull. Raises ModelError if there is none, or if coal cannot compute it."""
     if len(vertices) < _FEWEST_CORNERS or _is_flat(vertices):
         raise ModelError("it has no convex hull, because it is flat")

@@ -12,6 +12,7 @@ import pinocchio as pin
 
 from linked_fleet_gateway.extensions.world.map_obstacles import MapObstacles
 from linked_fleet_gateway.extensions.world.messages import Check, Kind, Placement, Positions
+from linked_fleet_gateway.extensions.world.outline import outline, swept
 from linked_fleet_gateway.extensions.world.path import STEP_M, UnknownPosition, moved_positions
 from linked_fleet_gateway.extensions.world.robot import Body, Robot, put
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface, winding_number
@@ -179,6 +180,20 @@ def other_robot_bodies(asked: Check, robots: Mapping[str, Robot], reach_m: float
                 if float(np.linalg.norm(centre)) <= near + body.radius and place not in seen:
                     seen.add(place)
                     yield StaticBody("robot", each.name, body.link, _shape(body, at), centre, body.radius)
+        if each.way:
+            stood.set_positions(each.configurations[0])
+            yield from _on_its_way(each, stood, base, near)
+
+
+def _on_its_way(placed: Placement, robot: MovingRobot, base: pin.SE3, near: float) -> Iterator[StaticBody]:
+    """Yield the spaces that another robot takes on its way, each as a body of its root link."""
+    shape = outline([(body, robot.at(i)) for i, body in enumerate(robot.robot.bodies) if robot.robot.anchored[i]])
+    for space in () if shape is None else swept(shape, placed.way):
+        space.computeLocalAABB()
+        centre, radius = base.act(np.array(space.aabb_center, dtype=float)), float(space.aabb_radius)
+        if float(np.linalg.norm(centre)) <= near + radius:
+            body = Shape(space, space, None, base)
+            yield StaticBody("robot", placed.name, robot.robot.tree.root, body, centre, radius)
 
 
 def _shape(body: Body, at: pin.SE3) -> Shape:

@@ -93,7 +93,7 @@ class Worker:
 
     def _ready(self, key: str, robot: Robot) -> Ready:
         self._robots[key] = robot
-        return Ready(robot.unchecked)
+        return Ready(robot.unchecked, robot.whole_m)
 
     def _mesh(self, name: str) -> Surface | None:
         if (held := self._meshes.get(name)) is not None:

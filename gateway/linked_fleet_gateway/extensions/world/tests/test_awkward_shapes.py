@@ -72,7 +72,7 @@ def prepared(triangles: list[Triangle], link: str = "tool") -> Worker:
     content = stl(triangles)
     made, name = Worker(MeshCache(None)), f"{hashlib.sha256(content).hexdigest()}.stl"
     assert made.answer(PrepareMesh(name, content)) == Ready()
-    assert made.answer(Prepare("r", urdf(link), {"m.stl": name})) == Ready()
+    assert isinstance(made.answer(Prepare("r", urdf(link), {"m.stl": name})), Ready)
     made.answer(PrepareObject("peg", Box((0.05, 0.05, 2.0))))
     return made
 

@@ -138,9 +138,11 @@ def test_a_robot_that_no_library_takes_is_unchecked_as_a_whole(monkeypatch: pyte
 def test_the_worker_names_unusable_meshes_and_robots() -> None:
     worker, urdf = Worker(MeshCache(None)), arm(part("collision", mesh("u.stl")))
     unusable = worker.answer(Prepare("r", urdf, {"u.stl": "0.stl"}, {"0.stl": "it cannot be read as stl"}))
-    assert unusable == Ready((UncheckedLink("tool", "u.stl", "it cannot be read as stl"),))
+    assert isinstance(unusable, Ready)
+    assert unusable.unchecked == (UncheckedLink("tool", "u.stl", "it cannot be read as stl"),)
     ended = worker.answer(Prepare("r", urdf, {}, {}, "the process ended"))
-    assert ended == Ready(tuple(UncheckedLink(link, "", "the process ended") for link in ("base", "tool")))
+    assert isinstance(ended, Ready)
+    assert ended.unchecked == tuple(UncheckedLink(link, "", "the process ended") for link in ("base", "tool"))
 
 
 # -- motions --------------------------------------------------------------------------------------------------

@@ -12,8 +12,8 @@ import pytest
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Base, State
 from linked_fleet_gateway.extensions.foxglove import messages as foxglove
-from linked_fleet_gateway.extensions.world.checks import _base
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, encode_placement, placement_of, pose_in_world
+from linked_fleet_gateway.extensions.world.questions import base_of
 from linked_fleet_gateway.faces import relative_pose
 from linked_fleet_gateway.fleet.events import Described, Framed
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
@@ -52,7 +52,7 @@ def is_at(pose: Pose | None, *position: float) -> bool:
 def test_its_links_move_with_its_base_in_every_face(robot: Robot) -> None:
     assert is_at(pose_in_world(robot, "base"), 10.0, 2.0, 0.0)
     assert is_at(pose_in_world(robot, "pan_link"), 10.0, 2.0, 0.5)
-    assert is_at(_base(robot, ALL), 10.0, 2.0, 0.0), "the collision check"
+    assert is_at(base_of(robot, ALL), 10.0, 2.0, 0.0), "the collision check"
     assert is_at(foxglove.link_poses(robot, placement_of(robot))["pan_link"], 10.0, 2.0, 0.5), "Foxglove"
     asked = relative_pose("/r/pan_link", "/world", {"r": robot}, {"/world": ORIGIN})
     assert is_at(asked.pose, 10.0, 2.0, 0.5), "/world/pose"

@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_agent.wire.messages import Follow, Move
-from linked_fleet_gateway.extensions.world.checks import paths_of
 from linked_fleet_gateway.extensions.world.path import FINEST_M, STEP_M, Path, path_of
+from linked_fleet_gateway.extensions.world.questions import paths_of
 from linked_fleet_gateway.extensions.world.shapes import build_robot
 
 MIMIC = "<mimic joint='a' multiplier='-2'/>"

@@ -1,0 +1,123 @@
+"""The outline of a robot seen from above, and the space that it takes on a way. Metre, radian.
+
+Runs in the check process. An outline is the convex hull of all shapes of the robot, as prism from its lowest to its
+highest point.
+"""
+
+import math
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from linked_fleet_agent.planar import Pose
+from linked_fleet_gateway.extensions.world.robot import Body
+from linked_fleet_gateway.extensions.world.surfaces import Array, convex_hull
+
+_DIRECTIONS = np.array([(math.cos(angle), math.sin(angle)) for angle in np.arange(64) * math.tau / 64])
+"""A hull has the points that are the furthest in these directions: 0.1 % of its radius may be missing."""
+_SIDES = 24
+_RING = np.array([(math.cos(angle), math.sin(angle), 0.0) for angle in np.arange(_SIDES) * math.tau / _SIDES])
+_RING /= math.cos(math.pi / _SIDES)
+_TURN_RAD = math.radians(10.0)
+"""A turn is split so that the corners of a robot leave the hull of both ends by 0.4 % of its radius."""
+_THIN_M = 1e-3
+
+
+class Outline(NamedTuple):
+    """``corners`` (N, 2) of a convex polygon, counterclockwise, and the range of heights."""
+
+    corners: Array
+    low: float
+    high: float
+
+    @property
+    def radius(self) -> float:
+        """The distance of the furthest corner from the origin."""
+        return float(np.linalg.norm(self.corners, axis=1).max(initial=0.0))
+
+    def at(self, pose: Pose) -> Array:
+        """Return the corners (N, 2) of a robot whose root has been moved to a pose."""
+        cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
+        turned: Array = self.corners @ np.array(((cosine, sine), (-sine, cosine))) + (pose.x, pose.y)
+        return turned
+
+
+def outline(placed: Sequence[tuple[Body, pin.SE3]]) -> Outline | None:
+    """Return the outline of bodies where they are; None without bodies."""
+    if not placed:
+        return None
+    points = np.concatenate([_points(*each) for each in placed])
+    return Outline(hull_of(points[:, :2]), float(points[:, 2].min()), float(points[:, 2].max()))
+
+
+def hull_of(points: Array) -> Array:
+    """Return the corners of the convex hull of points (N, 2), counterclockwise."""
+    furthest = (points @ _DIRECTIONS.T).argmax(axis=0)
+    kept = furthest[np.concatenate(([True], furthest[1:] != furthest[:-1]))]
+    found: Array = points[kept]
+    return found
+
+
+def swept(shape: Outline, way: Sequence[Pose]) -> Iterator[coal.CollisionGeometry]:
+    """Yield the spaces that a robot takes on a way from the origin, one for each straight piece of it."""
+    for start, end in _pieces(way):
+        plan = hull_of(np.concatenate((shape.at(start), shape.at(end))))
+        low, high = shape.low, max(shape.high, shape.low + _THIN_M)
+        yield convex_hull(np.concatenate([np.column_stack((plan, np.full(len(plan), z))) for z in (low, high)]))
+
+
+def _pieces(way: Sequence[Pose]) -> Iterator[tuple[Pose, Pose]]:
+    """Yield the pieces of a way, of which none turns much."""
+    for start, end in pairwise((Pose(), *way)):
+        count = max(1, math.ceil(abs(end.heading - start.heading) / _TURN_RAD))
+        steps = [
+            Pose(*(at + index / count * (to - at) for at, to in zip(start, end, strict=True)))
+            for index in range(count + 1)
+        ]
+        yield from pairwise(steps)
+
+
+def _points(body: Body, at: pin.SE3) -> Array:
+    """Return points of which the convex hull contains a body."""
+    local = _corners(body.shape if body.hull is None else body.hull)
+    if isinstance(body.shape, coal.Sphere | coal.Capsule):
+        return _around(local, body.shape.radius, at)
+    found: Array = local @ at.rotation.T + at.translation
+    return found
+
+
+def _around(centres: Array, radius: float, at: pin.SE3) -> Array:
+    """Return rings about the centres of spheres, and their highest and lowest points."""
+    placed = centres @ at.rotation.T + at.translation
+    offsets = np.concatenate((radius * _RING, ((0.0, 0.0, -radius), (0.0, 0.0, radius))))
+    found: Array = (placed[:, None, :] + offsets).reshape(-1, 3)
+    return found
+
+
+def _corners(shape: coal.CollisionGeometry) -> Array:
+    """Return the corners of a shape in its own frame; of one with round ends, the centres of these."""
+    match shape:
+        case coal.Sphere():
+            return np.zeros((1, 3))
+        case coal.Capsule():
+            return np.array([(0.0, 0.0, -shape.halfLength), (0.0, 0.0, shape.halfLength)])
+        case coal.Cylinder():
+            ends = np.array([(0.0, 0.0, -shape.halfLength), (0.0, 0.0, shape.halfLength)])
+            rings: Array = (ends[:, None, :] + shape.radius * _RING).reshape(-1, 3)
+            return rings
+        case coal.Box():
+            return _box(-np.array(shape.halfSide), np.array(shape.halfSide))
+        case coal.ConvexBase():
+            return np.array(shape.points(), dtype=float).reshape(-1, 3)
+    shape.computeLocalAABB()
+    bounds = shape.aabb_local
+    return _box(np.array(bounds.min_), np.array(bounds.max_))
+
+
+def _box(low: Array, high: Array) -> Array:
+    ends = np.stack((low, high)).reshape(2, 3)
+    return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i, j, k in np.ndindex(2, 2, 2)])

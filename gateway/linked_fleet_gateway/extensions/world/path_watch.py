@@ -1,0 +1,126 @@
+"""Watches robots that follow paths: what comes into the way of one ends its drive, and the base brakes.
+
+The whole path was checked before it began. It is checked again when an object, a zone or the map has changed, and the
+part that the base drives before it could stand, while another robot is near that.
+"""
+
+import asyncio
+import logging
+import math
+from collections.abc import Awaitable, Callable, Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from types import TracebackType
+from typing import Self
+
+from msgspec.structs import replace
+
+from linked_fleet_agent.planar import Pose, Velocity
+from linked_fleet_agent.wire.components import BASE
+from linked_fleet_gateway.api import Invocation, cancel_tasks, supervised
+from linked_fleet_gateway.base.errors import AgentTimeout
+from linked_fleet_gateway.extensions.world.checks import Checks
+from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
+from linked_fleet_gateway.extensions.world.driving import odometry_of, velocity_of
+from linked_fleet_gateway.fleet.driving import FollowedPath
+from linked_fleet_gateway.fleet.robot import Robot
+
+log = logging.getLogger(__name__)
+
+LOOK_S = 0.2
+_REACTION_S = 0.5
+"""From a measurement until the base brakes: a look, the check, and the way of the request to stop."""
+_BEFORE_M = 0.1
+_BRAKING_SHARE = 0.7
+_CAREFUL_M_S2 = 0.3
+"""Assumed of a base that does not say how it brakes."""
+
+OpenOf = Callable[[str], list[Invocation]]
+"""Returns the invocations of a robot that are not over, newest first."""
+Cancel = Callable[[str, str], Awaitable[bool]]
+
+
+def stopping_m(velocity: Velocity, path: FollowedPath) -> float:
+    """Return the way that a base needs until it stands, at most."""
+    speed = math.hypot(velocity.linear, velocity.lateral)
+    braking = _CAREFUL_M_S2 if path.limits is None else _BRAKING_SHARE * path.limits.linear_acceleration
+    return speed * _REACTION_S + speed**2 / (2.0 * braking) + _BEFORE_M
+
+
+def beginning(path: FollowedPath, here: Pose, length_m: float) -> FollowedPath:
+    """Return the first part of a path, of this length."""
+    kept = list[Pose]()
+    for start, end in pairwise((here, *path.poses)):
+        leg_m = math.hypot(end.x - start.x, end.y - start.y)
+        if leg_m > length_m:
+            share = length_m / leg_m
+            kept.append(Pose(start.x + share * (end.x - start.x), start.y + share * (end.y - start.y), math.nan))
+            break
+        kept.append(end)
+        length_m -= leg_m
+    return replace(path, poses=tuple(kept))
+
+
+@dataclass
+class _Watched:
+    """What was known when the whole path of an invocation was found free."""
+
+    invocation: str
+    surroundings: object
+
+
+class PathWatch:
+    """An async context manager. ``cancel`` ends an invocation for a reason (``Core.cancel``)."""
+
+    def __init__(self, checks: Checks, robots: Mapping[str, Robot], open_of: OpenOf, cancel: Cancel) -> None:
+        self._checks, self._robots, self._open_of, self._cancel = checks, robots, open_of, cancel
+        self._watched = dict[str, _Watched]()
+        self._tasks = list[asyncio.Task[None]]()
+
+    async def __aenter__(self) -> Self:
+        self._tasks = [supervised(self._tick, "paths that robots follow", log, "a path is not watched", LOOK_S)]
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        await cancel_tasks(self._tasks)
+
+    async def _tick(self) -> None:
+        await asyncio.sleep(LOOK_S)
+        await self.look()
+
+    async def look(self) -> None:
+        """Check the paths of all robots that follow one, as far as needed."""
+        for robot in list(self._robots.values()):
+            path, run = self._checks.path_of(robot), self._drive_of(robot)
+            if path is None or run is None:
+                self._watched.pop(robot.name, None)
+            else:
+                await self._look_at(robot, path, run)
+
+    def _drive_of(self, robot: Robot) -> Invocation | None:
+        return next((one for one in self._open_of(robot.name) if BASE in one.moves), None)
+
+    async def _look_at(self, robot: Robot, path: FollowedPath, run: Invocation) -> None:
+        now, here = self._checks.surroundings, odometry_of(robot)
+        held = self._watched.get(robot.name)
+        if held is None or held.invocation != run.id:
+            held = self._watched[robot.name] = _Watched(run.id, now)
+        if here is None:
+            return
+        far_m, whole = stopping_m(velocity_of(robot), path), held.surroundings != now
+        try:
+            if whole or self._checks.is_somebody_near(robot, far_m):
+                await self._checks.check_ahead(robot, path if whole else beginning(path, here, far_m), run.id)
+                held.surroundings = now
+        except Collides as error:
+            await self._end(run, error.reason)
+        except Unchecked as error:
+            log.debug("the path of %s is not checked now: %s", robot.name, error.detail)
+
+    async def _end(self, run: Invocation, reason: str) -> None:
+        try:
+            await self._cancel(run.id, reason)
+        except AgentTimeout as error:
+            log.warning("the drive %s was not ended although %s: %s", run.id, reason, error.detail)

@@ -1,0 +1,188 @@
+"""Questions to the check process about motions: the paths that a motion may take, and what is around the robot.
+
+Radian, metre, second. A motion of joints at rest is linear in joint space; a trajectory passes its waypoints on the
+cubics of Fritsch and Carlson, like the agent. Joints that another motion moves meanwhile may be anywhere between their
+position and their target. They are checked at both ends, and moving in parallel with this motion.
+"""
+
+from collections.abc import Iterable, Mapping
+from itertools import pairwise
+
+from msgspec.structs import replace
+
+from linked_fleet_agent.wire.messages import Follow, Move
+from linked_fleet_gateway.api import Motion
+from linked_fleet_gateway.extensions.world.collisions import Unchecked
+from linked_fleet_gateway.extensions.world.driving import Driving, odometry_of, velocity_of
+from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
+from linked_fleet_gateway.extensions.world.floor_map import Maps
+from linked_fleet_gateway.extensions.world.messages import (
+    Check,
+    DrivenWay,
+    MotionPath,
+    PathSegment,
+    Placement,
+    Positions,
+)
+from linked_fleet_gateway.extensions.world.other_motions import paths_along
+from linked_fleet_gateway.extensions.world.placement import accepts_unchecked, pose_in_world
+from linked_fleet_gateway.extensions.world.plane import AT_REST, legs_of
+from linked_fleet_gateway.extensions.world.process import Preparation, key_of
+from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.faces import View
+from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
+from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.serving import Act, Live
+
+CONFIGURATION_STEP_RAD = 0.05  # also metre
+MOST_CONFIGURATIONS = 24
+
+
+def paths_of(motion: Move | Follow, start: Positions, elsewhere: Mapping[str, float]) -> tuple[MotionPath, ...]:
+    """Return the paths from ``start``; ``elsewhere`` are the targets of joints in other motions."""
+    return paths_along(_legs(motion, start), start, elsewhere)
+
+
+def sampled_configurations(start: Positions, ends: Mapping[str, float]) -> tuple[Positions, ...]:
+    """Return joint positions at equal steps between ``start`` and ``ends``; the first are the present ones."""
+    moved = {name: end - start[name] for name, end in ends.items() if name in start}
+    count = min(MOST_CONFIGURATIONS, round(max(map(abs, moved.values()), default=0.0) / CONFIGURATION_STEP_RAD + 0.5))
+    shares = [(i + 1) / count for i in range(count)]
+    return (start, *({name: start[name] + share * way for name, way in moved.items()} for share in shares))
+
+
+def _legs(motion: Move | Follow, start: Positions) -> tuple[PathSegment, ...]:
+    if isinstance(motion, Move):
+        return (PathSegment(dict(motion.targets)),)
+    times = (0.0, *motion.times_s)
+    rows = (tuple(start[joint] for joint in motion.joints), *motion.positions)
+    velocities = [_velocities(times, column) for column in zip(*rows, strict=True)]
+    legs = []
+    for i, (before, after) in enumerate(pairwise(times)):
+        enters, leaves = ({j: v[at] for j, v in zip(motion.joints, velocities, strict=True)} for at in (i, i + 1))
+        legs.append(PathSegment(dict(zip(motion.joints, rows[i + 1], strict=True)), after - before, enters, leaves))
+    return tuple(legs)
+
+
+def _velocities(times: Iterable[float], positions: Iterable[float]) -> list[float]:
+    """Return the velocities at the waypoints, from rest to rest (Fritsch and Butland, 1984)."""
+    steps = [after - before for before, after in pairwise(times)]
+    slopes = [(after - before) / step for (before, after), step in zip(pairwise(positions), steps, strict=True)]
+    inner = [_slope(*one, *other) for one, other in pairwise(zip(steps, slopes, strict=True))]
+    return [0.0, *inner, 0.0]
+
+
+def _slope(step: float, slope: float, next_step: float, next_slope: float) -> float:
+    if slope * next_slope <= 0.0:
+        return 0.0
+    weight, next_weight = 2.0 * next_step + step, next_step + 2.0 * step
+    return (weight + next_weight) / (weight / slope + next_weight / next_slope)
+
+
+WITHIN_S = 1.0
+"""Processor time for the check of one motion, in seconds."""
+
+
+class Questions:
+    """Creates questions. ``driving`` knows the drives that have begun."""
+
+    def __init__(
+        self,
+        live: Live,
+        preparation: Preparation,
+        driving: Driving,
+        objects: Mapping[str, SceneObject],
+        maps: Maps,
+    ) -> None:
+        self._live, self._preparation, self._driving = live, preparation, driving
+        self._objects, self._maps = objects, maps
+
+    def about(self, motion: Motion, robots: list[Robot], sees: View, own: str) -> Check:
+        """Return the question about a motion. Raises Unchecked if its way is unknown."""
+        robot = motion.robot
+        if isinstance(moved := motion.motion, Act):
+            return self.followed(robot, moved.path, robots, sees, own)
+        start = _positions(robot)
+        if missing := [name for name in motion.targets if name not in start]:
+            raise Unchecked(
+                f"It is unknown if {robot.name} would collide, because the place of {missing[0]} is unknown."
+            )
+        paths = paths_of(moved, start, self._underway(robot, own))
+        return self._checking(robot, paths, robots, sees)
+
+    def followed(
+        self,
+        robot: Robot,
+        path: FollowedPath | None,
+        robots: list[Robot],
+        sees: View,
+        own: str,
+        *,
+        as_they_are: bool = False,
+    ) -> Check:
+        """Return the question about a path, among the other robots on their ways, or ``as_they_are`` now."""
+        here = odometry_of(robot)
+        if path is None or here is None:
+            raise Unchecked(f"It is unknown if {robot.name} would collide, because its way is unknown.")
+        start, elsewhere = _positions(robot), self._underway(robot, own)
+        ways = [paths_along(legs_of(way), start, elsewhere) for way in path.ways(here)]
+        return self._checking(robot, tuple(each for paths in ways for each in paths), robots, sees, as_they_are)
+
+    def driven(self, robot: Robot, drive: Drive, robots: list[Robot], sees: View, own: str) -> Check:
+        """Return the question about a drive."""
+        now, before = velocity_of(robot), self._driving.wanted(robot)
+        driven = DrivenWay(drive, now, before, _positions(robot), self._underway(robot, own))
+        return replace(self._checking(robot, (), robots, sees), driven=driven)
+
+    def _checking(
+        self,
+        robot: Robot,
+        paths: tuple[MotionPath, ...],
+        robots: list[Robot],
+        sees: View,
+        as_they_are: bool = False,
+    ) -> Check:
+        return Check(
+            _asked(robot, self._preparation.key(robot), base_of(robot, sees)),
+            paths,
+            tuple(self._stood(each, sees, as_they_are) for each in robots if each is not robot),
+            tuple(Placement(id, key_of(thing), thing.pose) for id, thing in self._objects.items()),
+            WITHIN_S,
+            "" if (floor := self._maps.get(MAP_ID)) is None else floor.obstacles_key,
+        )
+
+    def _stood(self, robot: Robot, sees: View, as_it_is: bool) -> Placement:
+        name = robot.name if sees.includes(robot.name) else ""
+        configurations = sampled_configurations(_positions(robot), self._underway(robot, ""))
+        way = () if as_it_is else self._driving.way(robot)
+        accepted = accepts_unchecked(robot)
+        return Placement(name, self._preparation.key_beside(robot), base_of(robot, sees), configurations, accepted, way)
+
+    def _underway(self, robot: Robot, own: str) -> dict[str, float]:
+        """Return the targets of the robot's joints in other motions that have not ended."""
+        ends: dict[str, float] = {}
+        for invocation in reversed(self._live.invocations.open_of_robot(robot.name)):
+            if invocation.id != own:
+                ends |= invocation.targets
+        return ends | self._driving.ends(robot)
+
+
+def _positions(robot: Robot) -> Positions:
+    """Return the known positions, and those of the joints that carry a base that may drive."""
+    known = {name: position for name, position in robot.positions.items() if position == position}
+    return known | AT_REST if robot.floats else known
+
+
+def _asked(robot: Robot, key: str, base: Pose) -> Placement:
+    return Placement(robot.name, key, base, accepts_unchecked=accepts_unchecked(robot))
+
+
+def base_of(robot: Robot, sees: View) -> Pose:
+    """Return the pose of the robot's root link in the world. Raises Unchecked if it is unknown."""
+    assert robot.model is not None
+    pose = pose_in_world(robot, robot.model.root)
+    if pose is None:
+        name = robot.name if sees.includes(robot.name) else "another robot"
+        raise Unchecked(f"The present place of {name} is unknown, so no path is known to be clear of it.")
+    return pose
