@@ -28,6 +28,7 @@ from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.resource import Rendition
 from linked_fleet_gateway.runtime.background import run_last_step
+from linked_fleet_gateway.runtime.questions import NoReply, QuestionProcess
 from linked_fleet_gateway.runtime.redis import Connection as RedisConnection
 from linked_fleet_gateway.runtime.replica import Replica
 from linked_fleet_gateway.runtime.table import StoredRecords
@@ -38,10 +39,10 @@ VERSION = 1
 
 __all__ = [
     "VERSION", "Act", "Authenticated", "BadToken", "Caller", "ConnectionEnded", "Identities", "Issuer", "IssuerFailed",
-    "Live", "NoAnswer", "RedisConnection", "Rendition", "Replica", "Reply", "ReplyTooLong", "RobotTime",
-    "StoredRecords",
-    "TokenBuckets", "WebLink", "Worker", "arrival_of", "await_preconditions", "check_acceptable",
-    "check_preconditions", "convert_body", "created_response", "frame", "link_header", "not_modified", "parse_body",
-    "parse_form", "patch_types", "problem", "read_body", "read_change", "resolve_under_preconditions", "robot_time",
-    "run_last_step", "stop_segments", "wants_events", "websocket_caller",
+    "Live", "NoAnswer", "NoReply", "QuestionProcess", "RedisConnection", "Rendition", "Replica", "Reply",
+    "ReplyTooLong", "RobotTime", "StoredRecords", "TokenBuckets", "WebLink", "Worker",
+    "arrival_of", "await_preconditions", "check_acceptable", "check_preconditions", "convert_body", "created_response",
+    "frame", "link_header", "not_modified", "parse_body", "parse_form", "patch_types", "problem", "read_body",
+    "read_change", "resolve_under_preconditions", "robot_time", "run_last_step", "stop_segments", "wants_events",
+    "websocket_caller",
 ]  # fmt: skip

@@ -6,20 +6,18 @@ network connections and a memory limit, and may be killed at any time. Its argum
 
 import logging
 import resource
-import struct
 import sys
 from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
-from typing import BinaryIO
 
 import msgspec
 
+from linked_fleet_gateway.base.answering import answer_questions
 from linked_fleet_gateway.base.errors import LibraryMissing
 from linked_fleet_gateway.extensions.world.messages import Answer, CheckFailed, Question
 
 MAX_MEMORY_BYTES = 4 * 2**30
-LENGTH = struct.Struct("<I")
 
 log = logging.getLogger(__name__)
 
@@ -27,13 +25,7 @@ log = logging.getLogger(__name__)
 def main() -> None:
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s %(message)s")
-    decoder, encode = msgspec.msgpack.Decoder(Question), msgspec.msgpack.encode
-    answered = answers(Path(sys.argv[1]) if len(sys.argv) > 1 else None)
-    stdin, stdout = sys.stdin.buffer, sys.stdout.buffer
-    while head := stdin.read(LENGTH.size):
-        answer = encode(answered(decoder.decode(_read(stdin, head))))
-        stdout.write(LENGTH.pack(len(answer)) + answer)
-        stdout.flush()
+    answer_questions(msgspec.msgpack.Decoder(Question), answers(Path(sys.argv[1]) if len(sys.argv) > 1 else None))
 
 
 def answers(folder: Path | None) -> Callable[[Question], Answer]:
@@ -47,10 +39,6 @@ def answers(folder: Path | None) -> Callable[[Question], Answer]:
         return lambda question: CheckFailed(missing)
     answer: Callable[[Question], Answer] = worker.answer
     return answer
-
-
-def _read(stdin: BinaryIO, head: bytes) -> bytes:
-    return stdin.read(LENGTH.unpack(head)[0])
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     CheckFailed,
     CollisionFound,
     Free,
+    Surveyed,
     UncheckedNear,
 )
 from linked_fleet_gateway.extensions.world.placement import (
@@ -189,6 +190,19 @@ class Checks:
             for each in self._live.fleet.robots.values()
             if each is not robot and is_placed(each)
         )
+
+    async def survey(self, robot: Robot, sees: View) -> Surveyed:
+        """Return what stands around a robot with a placement, prepared if needed. Raises Unchecked, Busy."""
+        await self.wait_until_ready(robot, sees)
+        with self._checker.in_use():
+            if (why := await self._prepare(self._around(robot, sees))) is not None:
+                raise Unchecked(why)
+            question = self._questions.survey(robot, self._prepared_around(robot, sees), sees)
+            answer = await self._checker.ask(question, _ANSWER_S)
+        if not isinstance(answer, Surveyed):
+            reason = answer.reason if isinstance(answer, CheckFailed) else "the check process gave another answer"
+            raise Unchecked(f"What stands around {robot.name} is unknown: {reason}.")
+        return answer
 
     async def check_ahead(self, robot: Robot, path: FollowedPath, own: str) -> None:
         """Check a path that a robot follows, among others as they are now. Raises Collides, Unchecked."""

@@ -124,6 +124,33 @@ class Check(Struct, frozen=True, tag="check"):
     driven: DrivenWay | None = None
 
 
+class Survey(Struct, frozen=True, tag="survey"):
+    """Request of what the robot of a check could meet on the floor, with ``start``, the positions of its joints."""
+
+    around: Check
+    start: Positions
+
+
+Plan = tuple[tuple[float, float], ...]
+"""Corners of a convex polygon on the floor, counterclockwise."""
+
+
+class Seen(Struct, frozen=True):
+    """An object or a robot, seen from above in the world: what it covers, and what it will cover on its way."""
+
+    kind: Kind
+    name: str
+    covers: tuple[Plan, ...]
+    way: tuple[Plan, ...] = ()
+
+
+class Surveyed(Struct, frozen=True, tag="surveyed"):
+    """The outline of the robot in the frame of its root, and what is around it."""
+
+    outline: Plan
+    things: tuple[Seen, ...]
+
+
 class Ready(Struct, frozen=True, tag="ready"):
     """It is prepared; no check covers the ``unchecked`` links of the robot.
 
@@ -182,5 +209,5 @@ class CheckFailed(Struct, frozen=True, tag="unable"):
     reason: str
 
 
-Question = Prepare | PrepareMesh | PrepareObject | PrepareMap | Check
-Answer = Ready | MeshesMissing | Free | CollisionFound | UncheckedNear | CheckFailed
+Question = Prepare | PrepareMesh | PrepareObject | PrepareMap | Check | Survey
+Answer = Ready | MeshesMissing | Free | CollisionFound | UncheckedNear | CheckFailed | Surveyed

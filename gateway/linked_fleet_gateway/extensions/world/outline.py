@@ -64,13 +64,13 @@ def hull_of(points: Array) -> Array:
 
 def swept(shape: Outline, way: Sequence[Pose]) -> Iterator[coal.CollisionGeometry]:
     """Yield the spaces that a robot takes on a way from the origin, one for each straight piece of it."""
-    for start, end in _pieces(way):
+    for start, end in pieces(way):
         plan = hull_of(np.concatenate((shape.at(start), shape.at(end))))
         low, high = shape.low, max(shape.high, shape.low + _THIN_M)
         yield convex_hull(np.concatenate([np.column_stack((plan, np.full(len(plan), z))) for z in (low, high)]))
 
 
-def _pieces(way: Sequence[Pose]) -> Iterator[tuple[Pose, Pose]]:
+def pieces(way: Sequence[Pose]) -> Iterator[tuple[Pose, Pose]]:
     """Yield the pieces of a way, of which none turns much."""
     for start, end in pairwise((Pose(), *way)):
         count = max(1, math.ceil(abs(end.heading - start.heading) / _TURN_RAD))
@@ -83,7 +83,7 @@ def _pieces(way: Sequence[Pose]) -> Iterator[tuple[Pose, Pose]]:
 
 def _points(body: Body, at: pin.SE3) -> Array:
     """Return points of which the convex hull contains a body."""
-    local = _corners(body.shape if body.hull is None else body.hull)
+    local = corners_of(body.shape if body.hull is None else body.hull)
     if isinstance(body.shape, coal.Sphere | coal.Capsule):
         return _around(local, body.shape.radius, at)
     found: Array = local @ at.rotation.T + at.translation
@@ -98,7 +98,7 @@ def _around(centres: Array, radius: float, at: pin.SE3) -> Array:
     return found
 
 
-def _corners(shape: coal.CollisionGeometry) -> Array:
+def corners_of(shape: coal.CollisionGeometry) -> Array:
     """Return the corners of a shape in its own frame; of one with round ends, the centres of these."""
     match shape:
         case coal.Sphere():

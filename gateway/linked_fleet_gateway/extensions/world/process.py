@@ -6,7 +6,6 @@ Collision shapes are prepared as soon as a robot is placed; motions that need th
 import asyncio
 import logging
 import math
-from asyncio.subprocess import PIPE
 from collections import Counter
 from collections.abc import Collection, Mapping, Set
 from contextlib import AbstractContextManager
@@ -37,12 +36,10 @@ from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink, in_words
-from linked_fleet_gateway.serving import Live, Worker
+from linked_fleet_gateway.serving import Live, NoReply, QuestionProcess, Worker
 
 _log = logging.getLogger(__name__)
 
-_HEAD_BYTES = 4
-_MAX_ANSWER_BYTES = 2 * 2**20  # digests of all the meshes of a robot, or all its links and why they are unchecked
 _ANSWERS = msgspec.msgpack.Decoder(Answer)
 NO_ANSWER = CheckFailed("the process that checks motions gave no answer")
 
@@ -51,17 +48,19 @@ class Checker:
     """Sends one question at a time. Meshes are cached in ``folder``."""
 
     def __init__(self, folder: Path, idle_s: float = Worker.IDLE_S) -> None:
-        self._folder = folder
         self._known: set[str] = set()
         self._known_before = frozenset[str]()
-        self._worker = Worker(
-            "linked_fleet_gateway.extensions.world.check_process", idle_s=idle_s, on_idle=self._end_idle
+        self._process = QuestionProcess[Question, Answer](
+            "linked_fleet_gateway.extensions.world.check_process",
+            _ANSWERS,
+            str(folder),
+            idle_s=idle_s,
+            on_idle=self._end_idle,
         )
-        self._turn = asyncio.Lock()
 
     def is_prepared(self, key: str) -> bool:
         """Return True if the present process has prepared it."""
-        return key in self._known and self._worker.running
+        return key in self._known and self._process.running
 
     def was_prepared(self, key: str) -> bool:
         """Return True if a process that has ended because it was idle had prepared it.
@@ -80,60 +79,41 @@ class Checker:
 
     def in_use(self) -> AbstractContextManager[None]:
         """Keep the process, if it runs, from ending because it is idle."""
-        return self._worker.in_use()
+        return self._process.in_use()
 
     async def ask(self, question: Question, timeout_s: float) -> Answer:
         """Return the answer, or ``NO_ANSWER`` after ``timeout_s``, when the process is killed.
 
         Not affected by cancellation.
         """
-        return await asyncio.shield(asyncio.create_task(self._in_turn(question, timeout_s)))
+        return await asyncio.shield(asyncio.create_task(self._ask(question, timeout_s)))
 
-    async def _in_turn(self, question: Question, timeout_s: float) -> Answer:
-        async with self._turn:
-            with self.in_use():
-                return await self._answer(question, timeout_s)
-
-    async def _answer(self, question: Question, timeout_s: float) -> Answer:
-        try:
-            async with asyncio.timeout(timeout_s):
-                return await self._exchange(question)
-        except (TimeoutError, OSError, EOFError, msgspec.ValidationError) as error:
-            _log.warning("the process that checks motions gave no answer and is restarted: %r", error)
-            await self.close()
-            return NO_ANSWER
-        except asyncio.CancelledError:
-            await self.close()
-            raise
-
-    async def _exchange(self, question: Question) -> Answer:
-        if not self._worker.running:
+    async def _ask(self, question: Question, timeout_s: float) -> Answer:
+        if not self._process.running:
             self._known.clear()
-            await self._worker.start(str(self._folder), stdin=PIPE, stdout=PIPE)
-        stdin, stdout = self._worker.process.stdin, self._worker.process.stdout
-        assert stdin is not None and stdout is not None
-        body = msgspec.msgpack.encode(question)
-        stdin.write(len(body).to_bytes(_HEAD_BYTES, "little") + body)
-        await stdin.drain()
-        size = int.from_bytes(await stdout.readexactly(_HEAD_BYTES), "little")
-        if size > _MAX_ANSWER_BYTES:
-            raise EOFError("its answer is none")
-        answer: Answer = _ANSWERS.decode(await stdout.readexactly(size))
+        try:
+            answer = await self._process.ask(question, timeout_s)
+        except NoReply:
+            self._forget()
+            return NO_ANSWER
         if isinstance(question, Prepare | PrepareObject | PrepareMap) and isinstance(answer, Ready):
             self._known.add(question.key)
             self._known_before -= {question.key}
         return answer
 
-    async def close(self) -> None:
+    def _forget(self) -> None:
         self._known.clear()
         self._known_before = frozenset()
-        await self._worker.end()
+
+    async def close(self) -> None:
+        self._forget()
+        await self._process.end()
 
     async def _end_idle(self) -> None:
-        if self._worker.running:
+        if self._process.running:
             self._known_before |= self._known
         self._known.clear()
-        await self._worker.end()
+        await self._process.end()
 
 
 _PREPARE_S, _OBJECT_S = 60.0, 3.0

@@ -23,6 +23,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     PathSegment,
     Placement,
     Positions,
+    Survey,
 )
 from linked_fleet_gateway.extensions.world.other_motions import paths_along
 from linked_fleet_gateway.extensions.world.placement import accepts_unchecked, pose_in_world
@@ -134,6 +135,10 @@ class Questions:
         now, before = velocity_of(robot), self._driving.wanted(robot)
         driven = DrivenWay(drive, now, before, _positions(robot), self._underway(robot, own))
         return replace(self._checking(robot, (), robots, sees), driven=driven)
+
+    def survey(self, robot: Robot, robots: list[Robot], sees: View) -> Survey:
+        """Return the question about what stands around a robot, and will be on the ways of others."""
+        return Survey(self._checking(robot, (), robots, sees), _positions(robot))
 
     def _checking(
         self,

@@ -19,7 +19,9 @@ from linked_fleet_gateway.extensions.world.messages import (
     PrepareMesh,
     Question,
     Ready,
+    Survey,
 )
+from linked_fleet_gateway.extensions.world.path import UnknownPosition
 from linked_fleet_gateway.extensions.world.plane import on_plane
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.shapes import (
@@ -29,6 +31,7 @@ from linked_fleet_gateway.extensions.world.shapes import (
     needed_meshes,
 )
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache, Surface, read_mesh
+from linked_fleet_gateway.extensions.world.survey import survey
 from linked_fleet_gateway.fleet.xml import ModelError
 
 _log = logging.getLogger(__name__)
@@ -56,6 +59,8 @@ class Worker:
         try:
             if isinstance(question, Check):
                 return check(question, self._robots, self._objects, self._maps)
+            if isinstance(question, Survey):
+                return survey(question, self._robots, self._objects)
             if isinstance(question, Prepare):
                 return self._prepare(question)
             if isinstance(question, PrepareMesh):
@@ -66,6 +71,8 @@ class Worker:
                 self._maps = {question.key: MapObstacles(question)}  # a fleet has one map at a time
             else:
                 self._objects[question.key] = build_object_shape(question.geometry)
+        except UnknownPosition as error:
+            return CheckFailed(str(error))
         except (ModelError, MemoryError, RuntimeError) as error:
             return CheckFailed(str(error) or "it takes too much memory")
         except Exception:  # noqa: BLE001 - of a library, in data of a robot or client: the process serves the others

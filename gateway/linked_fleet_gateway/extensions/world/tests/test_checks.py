@@ -27,7 +27,6 @@ from linked_fleet_gateway.extensions.world.map_image import build_map
 from linked_fleet_gateway.extensions.world.map_yaml import read_yaml
 from linked_fleet_gateway.extensions.world.messages import Answer, Prepare, PrepareMesh, Question
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, placement_of
-from linked_fleet_gateway.extensions.world.process import Checker
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Framed, Vanished
 from linked_fleet_gateway.fleet.model import Pose
@@ -35,6 +34,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
+from linked_fleet_gateway.runtime.questions import QuestionProcess
 from linked_fleet_gateway.runtime.worker import Worker
 from meshes import channel, stl
 from virtual.zenoh_network import ZenohNetwork
@@ -105,7 +105,7 @@ class Scene:
 
     @property
     def worker(self) -> Worker:
-        return self.checks._checker._worker
+        return self.checks._checker._process._worker
 
     async def idle(self) -> None:
         """Wait until the process has ended because it was idle."""
@@ -368,16 +368,16 @@ async def test_an_input_that_ends_the_process_makes_its_own_links_unchecked(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ends_in: str
 ) -> None:
     """Motions of others go on. An answer that does not come stands for a process that ended."""
-    exchange = Checker._exchange
+    exchange = QuestionProcess._exchange
 
-    async def ends(checker: Checker, question: Question) -> Answer:
+    async def ends(process: QuestionProcess[Question, Answer], question: Question) -> Answer:
         deadly = isinstance(question, PrepareMesh) if ends_in == "mesh" else (
             isinstance(question, Prepare) and "deadly" in question.urdf and not question.unusable_robot)  # fmt: skip
         if deadly:
             raise EOFError("it ended")
-        return await exchange(checker, question)
+        return await exchange(process, question)
 
-    monkeypatch.setattr(Checker, "_exchange", ends)
+    monkeypatch.setattr(QuestionProcess, "_exchange", ends)
     async with scene_in(tmp_path) as scene:
         robot = scene.robot("deadly", let=True)
         for _ in range(4):
