@@ -12,6 +12,7 @@ from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iter
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 
+from msgspec.structs import replace
 from pyoxigraph import Triple
 
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
@@ -38,18 +39,26 @@ class Operation:
     """The plan of an action that is no motion of joints. ``duration_s`` is what a rehearsal says that it takes.
 
     ``run`` carries it out. It calls ``Call.accept`` once nothing prevents it any more; an error before that refuses the
-    request. It is cancelled by a client, by a stop of its robot, and when the gateway ends.
+    request. It is cancelled by a client, by a stop of its robot, and when the gateway ends. ``rehearse``, if given,
+    returns the duration instead, and raises the errors by which ``run`` would refuse the caller.
     """
 
     run: Callable[["Call"], Awaitable[None]]
     duration_s: float = 0.0
+    rehearse: Callable[[Caller], Awaitable[float]] | None = None
+
+    async def takes_s(self, caller: Caller) -> float:
+        """Return how long it would take. Raises the errors by which it would be refused."""
+        return self.duration_s if self.rehearse is None else await self.rehearse(caller)
 
 
 class Call:
     """One invocation of an operation, as seen by the coroutine that carries it out."""
 
-    def __init__(self, invocation: Invocation, lifecycle: Lifecycle) -> None:
+    def __init__(self, invocation: Invocation, lifecycle: Lifecycle, caller: Caller) -> None:
         self._invocation, self._lifecycle = invocation, lifecycle
+        self.caller = replace(caller, idempotency_key="", request_digest="", body="")
+        """The caller, for whom further actions can be invoked (``Core.invoke``)."""
         self.answered = asyncio.Event()
         """Set once it is accepted, or has ended."""
 
@@ -127,16 +136,16 @@ class Operations:
             invocation, is_new = await self._opening.create(invocation, caller)
             if not is_new:
                 return await self._opening.first(robot, invocation)
-        await self._start(invocation, operation)
+        await self._start(invocation, operation, caller)
         return invocation
 
     async def check(self, robot: Robot | None, caller: Caller) -> None:
         """Check if an operation would be begun now, for its rehearsal. Raises the errors of ``Opening.check``."""
         await self._opening.check(FLEET if robot is None else robot.name, caller)
 
-    async def _start(self, invocation: Invocation, operation: Operation) -> None:
+    async def _start(self, invocation: Invocation, operation: Operation, caller: Caller) -> None:
         """Carry out an operation; return once it has accepted or has ended. Raises the error by which it refuses."""
-        call, refusals = Call(invocation, self._lifecycle), list[FleetError]()
+        call, refusals = Call(invocation, self._lifecycle, caller), list[FleetError]()
         task = asyncio.create_task(self._run(call, invocation, operation, refusals), name=f"operation {invocation.id}")
         self._running[invocation.id] = task
         task.add_done_callback(lambda _: self._running.pop(invocation.id, None))

@@ -3,6 +3,7 @@
 from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractAsyncContextManager, asynccontextmanager, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
@@ -22,15 +23,18 @@ from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import Link, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import Scheme
+from linked_fleet_gateway.http.body import parse_form
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.request_events import RequestEvent, RequestEvents
 from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.http.writes import PatchReader
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.incoming import Hear, OfComponents
+from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.branches import Branch, RequestView
 from linked_fleet_gateway.resources.container import Container
+from linked_fleet_gateway.resources.form import Json
 from linked_fleet_gateway.resources.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.property import Property
@@ -145,6 +149,16 @@ class Core:
         which the client knew the fleet: a stop since then takes precedence. Raises FleetError.
         """
         return await invoke(self.actions, offer, base, caller, statements, moment)
+
+    async def invoke_json(
+        self, offer: Offer, base: str, caller: Caller, given: Json, moment: RobotTime | None = None
+    ) -> Invocation:
+        """Invoke an action by the JSON form of its input, as ``invoke`` does."""
+        from linked_fleet_gateway.resources.json_form import form_of_input
+
+        form, iri = partial(form_of_input, offer, base), base + offer.path
+        statements = parse_form(msgspec.json.encode(given), JSON, iri, base, form)
+        return await self.invoke(offer, base, caller, statements, moment)
 
     @contextmanager
     def listening_to_requests(self, listener: Callable[[RequestEvent], None]) -> Iterator[None]:

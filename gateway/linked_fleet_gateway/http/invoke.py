@@ -252,7 +252,7 @@ async def _rehearse(actions: Actions, offer: Offer, plan: Motion | Halt | Operat
         return await actions.rehearse_halt(plan, caller.stoppable_robots)
     if not offer.is_stop:
         await actions.operations.check(offer.robot, caller)
-    return Rehearsal(plan.duration_s, ())
+    return Rehearsal(await plan.takes_s(caller), ())
 
 
 @contextmanager

@@ -1,0 +1,152 @@
+"""Bases that cross each other's ways all reach their goals, and never touch."""
+
+import asyncio
+import itertools
+import math
+import os
+import random
+from collections.abc import Sequence
+
+import pytest
+
+from linked_fleet_agent.planar import Pose
+from linked_fleet_gateway.extensions.navigation.messages import Answer, Obstacle, PlanWay, Polygon, ToPose, Way
+from linked_fleet_gateway.extensions.navigation.planner import plan
+from linked_fleet_gateway.extensions.navigation.swept import hull, meets
+from linked_fleet_gateway.extensions.navigation.traffic import Around, Base, Ended, Traffic, Trip
+
+pytestmark = pytest.mark.virtual
+
+LONG = "LONG_TESTS" in os.environ
+CROSSINGS = range(500 if LONG else 6)
+OUTLINE: Polygon = ((0.3, -0.2), (0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2))
+SPEED_M_S, TURN_RAD_S, TICK_S = 0.5, 1.0, 0.1
+SIDE_M = 7.0
+MOST_S = 170.0
+
+
+def placed(outline: Polygon, pose: Pose) -> Polygon:
+    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
+    return tuple((pose.x + x * cosine - y * sine, pose.y + x * sine + y * cosine) for x, y in outline)
+
+
+def box(x: float, y: float, half: float) -> Polygon:
+    return placed(((half, -half), (half, half), (-half, half), (-half, -half)), Pose(x, y, 0.0))
+
+
+class Floor:
+    """Walls, and bases that turn and drive straight along their ways."""
+
+    def __init__(self, walls: Sequence[Polygon]) -> None:
+        self.walls = [Obstacle(f"/wall{number}", (each,)) for number, each in enumerate(walls)]
+        self.bases = dict[str, Cart]()
+
+    def check(self) -> None:
+        for one, other in itertools.combinations(self.bases.values(), 2):
+            assert not meets(one.covers, other.covers), f"{one.name} at {one.pose} meets {other.name} at {other.pose}"
+        for base, wall in itertools.product(self.bases.values(), self.walls):
+            assert not meets(base.covers, wall.polygons[0]), f"{base.name} at {base.pose} meets {wall.name}"
+
+
+class Cart(Base):
+    def __init__(self, floor: Floor, name: str, pose: Pose) -> None:
+        self.floor, self._name, self.pose = floor, name, pose
+        floor.bases[name] = self
+
+    @property
+    def name(self) -> str:
+        return self._name
+
+    @property
+    def covers(self) -> Polygon:
+        return placed(OUTLINE, self.pose)
+
+    async def around(self) -> Around:
+        others = [Obstacle(each.name, (each.covers,)) for each in self.floor.bases.values() if each is not self]
+        return Around(self.pose, OUTLINE, (*self.floor.walls, *others))
+
+    async def follow(self, way: Way) -> Ended:
+        for end in way.poses:
+            if math.dist(end[:2], self.pose[:2]) > 1e-6:
+                await self._turn(math.atan2(end.y - self.pose.y, end.x - self.pose.x))
+                await self._go(end)
+        if way.poses:
+            await self._turn(way.poses[-1].heading)
+        return Ended(arrived=True)
+
+    async def _turn(self, heading: float) -> None:
+        left = math.remainder(heading - self.pose.heading, math.tau)
+        steps = math.ceil(abs(left) / TURN_RAD_S / TICK_S)
+        for _ in range(steps):
+            self.pose = self.pose._replace(heading=self.pose.heading + left / steps)
+            await self._tick()
+
+    async def _go(self, end: Pose) -> None:
+        start, length_m = self.pose, math.dist(end[:2], self.pose[:2])
+        steps = math.ceil(length_m / SPEED_M_S / TICK_S)
+        for step in range(1, steps + 1):
+            share = step / steps
+            self.pose = Pose(start.x + share * (end.x - start.x), start.y + share * (end.y - start.y), start.heading)
+            await self._tick()
+
+    async def _tick(self) -> None:
+        await asyncio.sleep(TICK_S)
+        self.floor.check()
+
+
+async def planned(asked: PlanWay) -> Answer:
+    return plan(asked)
+
+
+def traffic() -> Traffic:
+    return Traffic(planned)
+
+
+def trip(cart: Cart, goal: Pose, rank: int = 0) -> Trip:
+    return Trip(cart, ToPose(goal[:2], goal.heading), (1, rank))
+
+
+@pytest.mark.parametrize("seed", CROSSINGS)
+async def test_all_reach_their_goals(seed: int) -> None:
+    """Two to six bases among crates drive to random goals at once; 500 times in the long tests."""
+    chance = random.Random(seed)
+    while True:
+        floor = Floor([box(chance.uniform(0, SIDE_M), chance.uniform(0, SIDE_M), 0.3) for _ in range(5)])
+        places = [Pose(chance.uniform(0, SIDE_M), chance.uniform(0, SIDE_M), chance.uniform(-3, 3)) for _ in range(12)]
+        walls = [each.polygons[0] for each in floor.walls]
+        if all(_apart(one, other) for one, other in itertools.combinations(places, 2)) and not any(
+            meets(box(at.x, at.y, 0.5), wall) for at, wall in itertools.product(places, walls)
+        ):
+            break
+    count = chance.randint(2, 6)
+    carts = [Cart(floor, f"/r{number}", places[number]) for number in range(count)]
+    goals, roads = [*places[6 : 6 + count]], traffic()
+    async with asyncio.timeout(MOST_S):
+        await asyncio.gather(
+            *(roads.run(trip(cart, goal, rank)) for rank, (cart, goal) in enumerate(zip(carts, goals, strict=True)))
+        )
+    for cart, goal in zip(carts, goals, strict=True):
+        assert math.dist(cart.pose[:2], goal[:2]) < 0.01
+
+
+def _apart(one: Pose, other: Pose) -> bool:
+    return math.dist(one[:2], other[:2]) > 1.2
+
+
+CORRIDOR = (hull(((-1, 0.5), (7, 0.5), (7, 0.7), (-1, 0.7))), hull(((-1, -0.5), (7, -0.5), (7, -0.7), (-1, -0.7))))
+NICHE = (
+    hull(((-1, 0.5), (2.4, 0.5), (2.4, 0.7), (-1, 0.7))),
+    hull(((3.6, 0.5), (7, 0.5), (7, 0.7), (3.6, 0.7))),
+    hull(((2.2, 0.7), (2.4, 0.7), (2.4, 1.9), (2.2, 1.9))),
+    hull(((3.6, 0.7), (3.8, 0.7), (3.8, 1.9), (3.6, 1.9))),
+    hull(((2.2, 1.9), (3.8, 1.9), (3.8, 2.1), (2.2, 2.1))),
+    CORRIDOR[1],
+)
+
+
+async def test_two_that_meet_in_a_corridor_with_a_niche_pass() -> None:
+    floor, roads = Floor(NICHE), traffic()
+    one, other = Cart(floor, "/one", Pose(0.0, 0.0, 0.0)), Cart(floor, "/other", Pose(4.5, 0.0, math.pi))
+    async with asyncio.timeout(MOST_S):
+        await asyncio.gather(roads.run(trip(one, Pose(6.0, 0, 0))), roads.run(trip(other, Pose(0.5, 0, math.pi), 1)))
+    assert one.pose.x > 5.9 and other.pose.x < 0.6

@@ -1,0 +1,360 @@
+"""Drives to a goal, and who gives way. Metre, radian, second.
+
+The rule: of two drives that need the same floor, that of a person goes before that of a program, and else the one that
+was asked for first. The other one waits where it is and, if it stands in the way, drives aside; if it cannot, the first
+one does. A base that has begun to drive has the floor up to the end of its way, and nobody else is sent there. Robots
+that are not on such a drive are obstacles, and those among them that move are waited for.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable, Iterable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
+from typing import Protocol
+
+from msgspec import Struct, structs
+
+from linked_fleet_agent.planar import Pose
+from linked_fleet_gateway.extensions.navigation.messages import (
+    Answer,
+    AsideOf,
+    Blocked,
+    Corridor,
+    FloorCells,
+    Goal,
+    Obstacle,
+    PlanFailed,
+    PlanWay,
+    Polygon,
+    TooFar,
+    Way,
+)
+from linked_fleet_gateway.extensions.navigation.swept import meets, swept
+
+PATIENCE_S, LONGEST_WAIT_S = 30.0, 600.0
+"""How long a drive waits for what stands in its way, and for robots that will leave."""
+LOOK_S = 0.5
+
+
+class Around(Struct, frozen=True):
+    """A base and what is around it: its pose in the world, its outline, and the obstacles on the floor.
+
+    A robot that moves is an obstacle on its way too, which ``passes``.
+    """
+
+    pose: Pose
+    outline: Polygon
+    obstacles: tuple[Obstacle, ...]
+    cells: FloorCells | None = None
+    lateral: bool = False
+
+
+class Ended(Struct, frozen=True):
+    """How a drive along a way has ended.
+
+    One that was ``blocked`` stands before something that has come into its way, one that was ``refused`` has not begun.
+    """
+
+    arrived: bool = False
+    blocked: str = ""
+    refused: str = ""
+    failed: str = ""
+
+
+class DriveError(Exception):
+    """A drive cannot reach its goal; the message says why."""
+
+
+class NoWayError(DriveError):
+    """There is no way to the goal. ``by`` are the names of what blocks it."""
+
+    def __init__(self, message: str, by: tuple[str, ...] = ()) -> None:
+        super().__init__(message)
+        self.by = by
+
+
+class Base(Protocol):
+    """A base that can be driven."""
+
+    @property
+    def name(self) -> str:
+        """The name of its obstacle: the path of the robot."""
+
+    async def around(self) -> Around:
+        """Return what is around it. Raises an error of the gateway."""
+
+    async def follow(self, way: Way) -> Ended:
+        """Drive along a way, until the base stands."""
+
+
+Plan = Callable[[PlanWay], Awaitable[Answer]]
+
+
+@dataclass
+class _Aside:
+    """A request to a drive: to leave this floor for the drive that asks, until that is on its way."""
+
+    asker: "Trip"
+    floor: tuple[Polygon, ...]
+    done: bool = False
+
+    @property
+    def is_over(self) -> bool:
+        return self.asker.driving or self.asker.ended
+
+
+@dataclass(eq=False)
+class Trip:
+    """A drive to a goal. Of two, the one with the lower ``rank`` goes first."""
+
+    base: Base
+    goal: Goal
+    rank: tuple[int, int]
+    corridor: Corridor | None = None
+    report: Callable[[str], None] = lambda reason: None
+    way: tuple[Polygon, ...] = ()
+    """The floor that it covers on the way that it drives."""
+    ended: bool = False
+    aside: _Aside | None = None
+    waits_for: tuple[str, ...] = ()
+    """The robots for which it waits."""
+    helpless: set["Trip"] = field(default_factory=set)
+    """The drives that asked for its floor, which it could not leave."""
+
+    @property
+    def name(self) -> str:
+        return self.base.name
+
+    @property
+    def driving(self) -> bool:
+        return bool(self.way)
+
+
+class Traffic:
+    """The drives of a gateway. ``is_driven`` tells if a robot is on such a drive at any gateway."""
+
+    def __init__(self, plan: Plan, is_driven: Callable[[str], bool] = lambda name: False) -> None:
+        self._plan, self._is_driven = plan, is_driven
+        self._trips = dict[str, Trip]()
+        self._changed = asyncio.Event()
+
+    async def first_way(self, trip: Trip) -> Way | None:
+        """Return the way of a new drive; None if it has to wait for other robots first. Raises NoWayError."""
+        around = await self._around(trip)
+        answer = await self._ask(trip, around, around.obstacles)
+        if isinstance(answer, Way):
+            return answer
+        alone = await self._ask(trip, around, self._lasting(around))
+        if isinstance(alone, Way):
+            return None
+        raise NoWayError(in_words(alone), alone.by if isinstance(alone, Blocked) else ())
+
+    async def run(self, trip: Trip) -> None:
+        """Drive to the goal. Raises DriveError."""
+        if trip.name in self._trips:
+            raise DriveError(f"{trip.name[1:]} is on another drive of this kind")
+        self._trips[trip.name] = trip
+        try:
+            await self._run(trip)
+        finally:
+            trip.ended = True
+            del self._trips[trip.name]
+            self._tell()
+
+    async def _run(self, trip: Trip) -> None:
+        clock = asyncio.get_running_loop()
+        begun_s = clock.time()
+        while True:
+            await self._give_way(trip)
+            found = await self._await_way(trip)
+            if found is None:
+                continue
+            ended = await self._drive(trip, *found)
+            if ended.arrived:
+                return
+            begun_s = begun_s if ended.refused else clock.time()
+            if ended.failed or clock.time() - begun_s > PATIENCE_S:
+                raise DriveError(ended.failed or ended.refused)
+            trip.report(ended.blocked or ended.refused)
+            await self._wait()
+
+    async def _drive(self, trip: Trip, around: Around, way: Way) -> Ended:
+        trip.way = _floor(around, way)
+        trip.helpless.clear()
+        self._tell()
+        try:
+            return await trip.base.follow(way)
+        finally:
+            trip.way = ()
+            self._tell()
+
+    # -- the way ----------------------------------------------------------------------------------------------------
+
+    async def _await_way(self, trip: Trip) -> tuple[Around, Way] | None:
+        """Return the way once nobody is on it, with what is around; None if asked to give way. Raises NoWayError."""
+        clock = asyncio.get_running_loop()
+        began_s = clock.time()
+        while trip.aside is None:
+            found, why = await self._way(trip)
+            if found is not None:
+                trip.waits_for = ()
+                trip.report("")
+                return found
+            trip.report(why)
+            if clock.time() - began_s > (LONGEST_WAIT_S if trip.waits_for else PATIENCE_S):
+                raise NoWayError(why)
+            await self._wait()
+        return None
+
+    async def _way(self, trip: Trip) -> tuple[tuple[Around, Way] | None, str]:
+        """Return the way if nobody is on it; else None, and what the drive waits for."""
+        around = await self._around(trip)
+        answer = await self._ask(trip, around, around.obstacles)
+        if isinstance(answer, Way):
+            return (around, answer), ""
+        alone = await self._ask(trip, around, self._lasting(around))
+        if not isinstance(alone, Way):
+            trip.waits_for = ()
+            return None, in_words(alone)
+        floor = _floor(around, alone)
+        on_it = self._on(around, floor)
+        for name in on_it:
+            self._ask_aside(trip, name, floor)
+        trip.waits_for = on_it
+        return None, f"waits for {' and '.join(name[1:] for name in on_it) or 'other robots'}"
+
+    def _on(self, around: Around, floor: Sequence[Polygon]) -> tuple[str, ...]:
+        """Return the robots on a floor that will leave it."""
+        lasting = self._lasting(around)
+        return tuple({each.name: 1 for each in around.obstacles if each not in lasting and _is_on(each, floor)})
+
+    def _lasting(self, around: Around) -> list[Obstacle]:
+        """Return the obstacles except robots that move or are on a drive."""
+        moving = {each.name for each in around.obstacles if each.passes}
+        return [
+            each
+            for each in around.obstacles
+            if each.name not in moving and each.name not in self._trips and not self._is_driven(each.name)
+        ]
+
+    # -- giving way -------------------------------------------------------------------------------------------------
+
+    def _ask_aside(self, trip: Trip, name: str, floor: tuple[Polygon, ...]) -> None:
+        """Ask the drive of a robot that waits to leave the floor, if it has to."""
+        other = self._trips.get(name)
+        if other is None or other.driving or not _goes_first(trip, other):
+            return
+        held = other.aside
+        if held is None or held.is_over or (held.asker is not trip and trip.rank < held.asker.rank):
+            other.aside = _Aside(trip, floor)
+            self._tell()
+
+    async def _give_way(self, trip: Trip) -> None:
+        """Leave the floor that another drive needs, until that is on its way or has ended. Raises DriveError."""
+        while (aside := trip.aside) is not None:
+            if aside.is_over:
+                trip.aside = None
+            elif aside.done:
+                await self._wait()
+            else:
+                trip.report(f"gives way to {aside.asker.name[1:]}")
+                await self._leave(trip, aside)
+
+    async def _leave(self, trip: Trip, aside: _Aside) -> None:
+        """Drive off a floor, or make those ask who are in the way of that. Give up if nothing helps."""
+        around, off = await self._around(trip), replace(trip, goal=AsideOf(aside.floor), corridor=None)
+        answer = await self._ask(off, around, around.obstacles)
+        if isinstance(answer, Way):
+            ended = await self._drive_aside(trip, around, answer)
+            aside.done = ended.arrived
+            return
+        alone = await self._ask(off, around, self._lasting(around))
+        on_it = self._on(around, _floor(around, alone)) if isinstance(alone, Way) else ()
+        if isinstance(alone, Way) and self._pass_on(trip, aside, on_it, _floor(around, alone)):
+            await self._wait()
+        else:
+            trip.helpless.add(aside.asker)
+            trip.aside = None
+            self._tell()
+
+    def _pass_on(self, trip: Trip, aside: _Aside, on_it: Iterable[str], floor: tuple[Polygon, ...]) -> bool:
+        """Ask those who keep a drive from giving way to leave too. Return False if one of them cannot."""
+        whole = (*aside.floor, *floor)
+        for name in on_it:
+            other = self._trips.get(name)
+            if other is aside.asker or (other is not None and aside.asker in other.helpless):
+                return False
+            if other is not None and not other.driving and (other.aside is None or other.aside.is_over):
+                other.aside = _Aside(aside.asker, whole)
+        self._tell()
+        return True
+
+    async def _drive_aside(self, trip: Trip, around: Around, way: Way) -> Ended:
+        if not way.poses:
+            return Ended(arrived=True)
+        ended = await self._drive(trip, around, way)
+        if ended.failed:
+            raise DriveError(ended.failed)
+        if not ended.arrived:
+            await self._wait()
+        return ended
+
+    async def _around(self, trip: Trip) -> Around:
+        """Return what is around a base, with the ways of other drives that nobody else knows of yet."""
+        around = await trip.base.around()
+        known = {each.name for each in around.obstacles if each.passes}
+        ways = [
+            Obstacle(each.name, each.way, passes=True)
+            for each in self._trips.values()
+            if each is not trip and each.driving and each.name not in known
+        ]
+        return structs.replace(around, obstacles=(*around.obstacles, *ways))
+
+    # -- helpers ----------------------------------------------------------------------------------------------------
+
+    async def _ask(self, trip: Trip, around: Around, obstacles: Sequence[Obstacle]) -> Answer:
+        others = tuple(each for each in obstacles if each.name != trip.name)
+        return await self._plan(
+            PlanWay(around.pose, trip.goal, around.outline, others, around.cells, trip.corridor, around.lateral)
+        )
+
+    def _tell(self) -> None:
+        self._changed.set()
+        self._changed = asyncio.Event()
+
+    async def _wait(self) -> None:
+        """Wait until another drive has changed, but not long."""
+        with suppress(TimeoutError):
+            async with asyncio.timeout(LOOK_S):
+                await self._changed.wait()
+
+
+def _goes_first(one: Trip, other: Trip) -> bool:
+    """Return True if ``other`` has to give way: it comes later, and could, or it comes first and ``one`` could not."""
+    first, second = sorted((one, other), key=lambda each: each.rank)
+    return one is (second if first in second.helpless else first)
+
+
+def _floor(around: Around, way: Way) -> tuple[Polygon, ...]:
+    return tuple(swept(around.outline, around.pose, way.poses, around.lateral))
+
+
+def _is_on(obstacle: Obstacle, floor: Sequence[Polygon]) -> bool:
+    return any(meets(one, other) for one in obstacle.polygons for other in floor)
+
+
+def in_words(answer: Answer) -> str:
+    """Return why there is no way."""
+    match answer:
+        case Blocked(place, by):
+            what = " and ".join(by) or "what is around it"
+            return {
+                "start": f"the base cannot leave its place because of {what}",
+                "goal": f"the goal cannot be reached because of {what}",
+                "between": f"no way leads to the goal because of {what}",
+            }[place]
+        case TooFar(most_m):
+            return f"the goal is further than {most_m:g} m, or the way to it has too many corners"
+        case PlanFailed(reason):
+            return f"no way could be planned: {reason}"
+    raise AssertionError(answer)
