@@ -6,7 +6,13 @@ processes that import it load neither HTTP nor Zenoh, so it has some names of ``
 """
 
 from linked_fleet_gateway.identity.rights import ALL, EVERYBODY, Claims, Credential, Identity, Right, TokenHash, View
-from linked_fleet_gateway.resources.action_offer import ActionDefinition, Offer, action_definitions, offers_at
+from linked_fleet_gateway.resources.action_offer import (
+    ActionDefinition,
+    Offer,
+    action_definitions,
+    offers_at,
+    path_offer,
+)
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.annotations import named_poses
 from linked_fleet_gateway.resources.body_values import Body, Setting, managed_statements, validate_body
@@ -29,7 +35,7 @@ from linked_fleet_gateway.resources.json_form import (
     form_of_input,
     form_of_target,
 )
-from linked_fleet_gateway.resources.part import PartCopier, RobotPart, parts_of, path_ahead
+from linked_fleet_gateway.resources.part import PartCopier, RobotPart, drive_limits, parts_of, path_ahead
 from linked_fleet_gateway.resources.paths import (
     joint_path,
     lease_path,
@@ -56,8 +62,9 @@ __all__ = [
     "NavigationEntry", "Offer", "PageContext", "PartCopier", "Property", "Reader", "Reading", "RelativePose",
     "Resource", "Right", "RobotPart", "Rows", "Setting", "ThingDocument", "TokenHash", "Tree", "View",
     "action_definitions", "commandable_joints", "describe_invocation", "describe_lease", "describe_request_shape",
-    "describe_terms", "form_in", "form_of", "form_of_input", "form_of_target", "invocation_path", "joint_path",
-    "kind_of", "last_frame", "lease_path", "lexical_time", "link_path", "managed_statements", "named_poses",
-    "offers_at", "part_path", "part_paths", "parts_of", "path_ahead", "properties_at", "relative_pose", "robot_of",
-    "robot_path", "round_to_resolution", "run_steps", "thing_at", "unchecked_links", "validate_body",
+    "describe_terms", "drive_limits", "form_in", "form_of", "form_of_input", "form_of_target", "invocation_path",
+    "joint_path", "kind_of", "last_frame", "lease_path", "lexical_time", "link_path", "managed_statements",
+    "named_poses", "offers_at", "part_path", "part_paths", "parts_of", "path_ahead", "path_offer", "properties_at",
+    "relative_pose", "robot_of", "robot_path", "round_to_resolution", "run_steps", "thing_at", "unchecked_links",
+    "validate_body",
 ]  # fmt: skip

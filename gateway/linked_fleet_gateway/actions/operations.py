@@ -40,7 +40,7 @@ class Operation:
 
     ``run`` carries it out. It calls ``Call.accept`` once nothing prevents it any more; an error before that refuses the
     request. It is cancelled by a client, by a stop of its robot, and when the gateway ends. ``rehearse``, if given,
-    returns the duration instead, and raises the errors by which ``run`` would refuse the caller.
+    returns the duration instead, and raises the errors by which the caller is refused. It comes before ``run``, too.
     """
 
     run: Callable[["Call"], Awaitable[None]]
@@ -55,8 +55,8 @@ class Operation:
 class Call:
     """One invocation of an operation, as seen by the coroutine that carries it out."""
 
-    def __init__(self, invocation: Invocation, lifecycle: Lifecycle, caller: Caller) -> None:
-        self._invocation, self._lifecycle = invocation, lifecycle
+    def __init__(self, invocation: Invocation, lifecycle: Lifecycle, caller: Caller, expected_s: float = 0.0) -> None:
+        self._invocation, self._lifecycle, self._expected_s = invocation, lifecycle, expected_s
         self.caller = replace(caller, idempotency_key="", request_digest="", body="")
         """The caller, for whom further actions can be invoked (``Core.invoke``)."""
         self.answered = asyncio.Event()
@@ -72,10 +72,10 @@ class Call:
         """The displayed name of the caller."""
         return self._invocation.client
 
-    def accept(self, duration_s: float = 0.0) -> None:
+    def accept(self, duration_s: float | None = None) -> None:
         """Accept the request, which is then answered. ``duration_s``: how long it is expected to take."""
         invocation = self._invocation
-        invocation.duration_s, invocation.started_ns = duration_s, time.time_ns()
+        invocation.duration_s, invocation.started_ns = duration_s or self._expected_s, time.time_ns()
         invocation.state = InvocationState.RUNNING
         self._lifecycle.report_operation(invocation)
         self.answered.set()
@@ -117,6 +117,10 @@ class Operations:
         """
         if robot is not None and not robot.online and not is_stop:
             raise Offline(f"Robot {robot.name} is offline; its actions answer again once it is back.")
+        expected_s = operation.duration_s
+        if operation.rehearse is not None and not is_stop:
+            await self.check(robot, caller)
+            expected_s = await operation.rehearse(caller)
         now_ns = time.time_ns()
         invocation = Invocation(
             id=str(uuid.uuid4()),
@@ -136,16 +140,16 @@ class Operations:
             invocation, is_new = await self._opening.create(invocation, caller)
             if not is_new:
                 return await self._opening.first(robot, invocation)
-        await self._start(invocation, operation, caller)
+        await self._start(invocation, operation, Call(invocation, self._lifecycle, caller, expected_s))
         return invocation
 
     async def check(self, robot: Robot | None, caller: Caller) -> None:
         """Check if an operation would be begun now, for its rehearsal. Raises the errors of ``Opening.check``."""
         await self._opening.check(FLEET if robot is None else robot.name, caller)
 
-    async def _start(self, invocation: Invocation, operation: Operation, caller: Caller) -> None:
+    async def _start(self, invocation: Invocation, operation: Operation, call: Call) -> None:
         """Carry out an operation; return once it has accepted or has ended. Raises the error by which it refuses."""
-        call, refusals = Call(invocation, self._lifecycle, caller), list[FleetError]()
+        refusals = list[FleetError]()
         task = asyncio.create_task(self._run(call, invocation, operation, refusals), name=f"operation {invocation.id}")
         self._running[invocation.id] = task
         task.add_done_callback(lambda _: self._running.pop(invocation.id, None))

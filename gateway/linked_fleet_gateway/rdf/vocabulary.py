@@ -111,7 +111,7 @@ LF = Namespace(
     " target ofJoint result status vocabulary"
     # predicates: kinds of actions, and what completes their shapes
     " segment offeredBy offeredIf isBounded isCommandable hasCommandableJoint hasMovedLink hasNamedPose"
-    " hasFloatingBase needsRight"
+    " hasFloatingBase hasPathFollower needsRight"
     " capability completedBy anyNumber jointPosition jointDisplacement jointSpeed jointTarget"
     " jointExpectation ownLease ownLink ownPose dryRun"
     # predicates: what actions take and invocations tell

@@ -123,12 +123,19 @@ def _completions(shape: NamedNode) -> frozenset[NamedNode]:
     return frozenset(found)
 
 
+_FOLLOW_PATH = LF.extended("FollowPath").FollowPath
 Condition = Callable[[Robot, Joint | None], bool]
 
 
 def _is_bounded(robot: Robot, joint: Joint | None) -> bool:
     """Return True for a joint that has limits and is in the agent's frames, which means that it takes commands."""
     return joint is not None and is_bounded(joint) and joint.name in robot.commanded
+
+
+def path_offer(robot: Robot) -> "Offer | None":
+    """Return the action by which the base of a robot follows a path; None if it has none."""
+    offers = (offer for part in robot.parts.values() for offer in part.offers.values())
+    return next((each for each in offers if each.definition.iri == _FOLLOW_PATH), None)
 
 
 CONDITIONS: dict[NamedNode, Condition] = {
@@ -138,6 +145,7 @@ CONDITIONS: dict[NamedNode, Condition] = {
     LF.hasMovedLink: lambda robot, joint: bool(moved_links(robot)),
     LF.hasNamedPose: lambda robot, joint: bool(named_poses(robot)),
     LF.hasFloatingBase: lambda robot, joint: robot.floats,
+    LF.hasPathFollower: lambda robot, joint: path_offer(robot) is not None,
 }
 
 

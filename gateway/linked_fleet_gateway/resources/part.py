@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_agent.planar import DriveLimits
 from linked_fleet_gateway.fleet.driving import FollowedPath
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -76,6 +77,10 @@ class RobotPart(Protocol):
     def path_ahead(self) -> FollowedPath | None:
         """The path that a base follows, from where it is now, as it says; None if it follows none."""
 
+    @property
+    def drive_limits(self) -> DriveLimits | None:
+        """The limits of a base; None if it does not say how it brakes."""
+
     def properties(self, base: str) -> "Sequence[Property]":
         """Return its properties under a base URL."""
 
@@ -109,6 +114,11 @@ def parts_of(robot: Robot) -> Mapping[str, RobotPart]:
 def path_ahead(robot: Robot) -> FollowedPath | None:
     """Return the path that the base of a robot follows, from where it is now; None if it says none."""
     return next((path for each in parts_of(robot).values() if (path := each.path_ahead) is not None), None)
+
+
+def drive_limits(robot: Robot) -> DriveLimits | None:
+    """Return the limits of the base of a robot; None if it does not say how it brakes."""
+    return next((most for each in parts_of(robot).values() if (most := each.drive_limits) is not None), None)
 
 
 def part_of(robot: Robot, invocation: Invocation) -> RobotPart | None:

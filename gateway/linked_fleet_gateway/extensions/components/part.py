@@ -7,10 +7,11 @@ from typing import Any
 import msgspec
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_agent.planar import DriveLimits
 from linked_fleet_agent.wire.components import BASE, Component
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.kinds import KINDS
-from linked_fleet_gateway.extensions.components.bases import followed_path, is_base
+from linked_fleet_gateway.extensions.components import bases
 from linked_fleet_gateway.extensions.components.declarations import CompiledComponent, compile_declarations
 from linked_fleet_gateway.extensions.components.items import (
     event_item,
@@ -90,8 +91,12 @@ class ComponentPart:
 
     @property
     def path_ahead(self) -> FollowedPath | None:
-        path = self.state.value("path") if is_base(self.declared) and self.is_current else None
-        return followed_path(self.state, path) if path else None
+        path = self.state.value("path") if bases.is_base(self.declared) and self.is_current else None
+        return bases.followed_path(self.state, path) if path else None
+
+    @property
+    def drive_limits(self) -> DriveLimits | None:
+        return bases.drive_limits(self.state) if bases.is_base(self.declared) and self.is_current else None
 
     @property
     def shapes(self) -> Sequence[NamedNode]:

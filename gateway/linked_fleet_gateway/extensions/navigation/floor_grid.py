@@ -32,13 +32,13 @@ class Lattice:
     rows: int
 
     @classmethod
-    def around(cls, low: Point, high: Point) -> "Lattice":
+    def around(cls, low: Sequence[float], high: Sequence[float]) -> "Lattice":
         """Return the finest lattice over a rectangle. Raises TooLarge."""
         wide, tall = high[0] - low[0], high[1] - low[1]
         step_m = max(FINEST_M, math.sqrt(wide * tall / MOST_CELLS))
         if step_m > COARSEST_M:
             raise TooLarge
-        return cls(low, step_m, math.ceil(wide / step_m) + 1, math.ceil(tall / step_m) + 1)
+        return cls((low[0], low[1]), step_m, math.ceil(wide / step_m) + 1, math.ceil(tall / step_m) + 1)
 
     def cell(self, at: Point) -> int:
         """Return the number of the cell nearest to a point, by rows."""

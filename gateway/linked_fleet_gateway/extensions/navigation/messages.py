@@ -15,7 +15,8 @@ MAP = "map"
 class Obstacle(Struct, frozen=True):
     """Something on the floor, seen from above: one convex polygon, or several.
 
-    ``name`` is a path, or ``MAP``. A robot that drives is an obstacle on its way too, which has ``passes``.
+    ``name`` is that of a robot, the path of an object, or ``MAP``. A robot that moves is an obstacle on its way too,
+    which ``passes``.
     """
 
     name: str
@@ -57,22 +58,26 @@ class AsideOf(Struct, frozen=True, tag="aside"):
 Goal = ToPose | Near | AsideOf
 
 
-class Corridor(Struct, frozen=True):
-    """A strip of the floor that the way of the base must not leave: points of its middle, and its width."""
+class Strip(Struct, frozen=True):
+    """A straight strip of the floor with round ends."""
 
-    points: tuple[Point, ...]
+    start: Point
+    end: Point
     width_m: float
 
 
 class PlanWay(Struct, frozen=True):
-    """Plan the way of a base, whose ``outline`` is given in its own frame. One that drives sideways is ``lateral``."""
+    """Plan the way of a base, whose ``outline`` is given in its own frame.
+
+    One that drives sideways is ``lateral``. The way does not leave the strips of the ``corridor``, if there are any.
+    """
 
     start: Pose
     goal: Goal
     outline: Polygon
     obstacles: tuple[Obstacle, ...] = ()
     cells: FloorCells | None = None
-    corridor: Corridor | None = None
+    corridor: tuple[Strip, ...] = ()
     lateral: bool = False
 
 

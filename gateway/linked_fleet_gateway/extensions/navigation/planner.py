@@ -70,11 +70,15 @@ class _Plan:
     def __init__(self, asked: PlanWay, around_m: float) -> None:
         self._asked, self._names = asked, [each.name for each in asked.obstacles]
         self._print = Footprint(asked.outline)
-        points = [asked.start[:2], *self._goal_points(), *(asked.corridor.points if asked.corridor else ())]
+        points = [
+            asked.start[:2],
+            *self._goal_points(),
+            *(point for each in asked.corridor for point in (each.start, each.end)),
+        ]
         low, high = (np.array(edge(points, axis=0), dtype=float) for edge in (np.min, np.max))
         if (high - low).max() > MOST_M:
             raise TooLarge
-        self._lattice = Lattice.around(tuple(low - around_m), tuple(high + around_m))
+        self._lattice = Lattice.around((low - around_m).tolist(), (high + around_m).tolist())
         self._grid = FloorGrid(self._lattice, self._print.radius + MARGIN_M + self._lattice.step_m)
         self._fill()
         self._start = self._lattice.cell((asked.start.x, asked.start.y))
@@ -94,10 +98,12 @@ class _Plan:
         if (cells := self._asked.cells) is not None:
             self._names.append(MAP)
             self._print.add(self._grid.add_cells(cells, len(self._names) - 1))
-        if (corridor := self._asked.corridor) is not None:
+        if corridor := self._asked.corridor:
             self._names.append(_OUTSIDE)
-            outside = self._apart(list(pairwise(corridor.points))) > corridor.width_m / 2 - self._print.radius
-            self._grid.leave_out(outside, len(self._names) - 1)
+            inside = [
+                self._apart([(each.start, each.end)]) <= each.width_m / 2 - self._print.radius for each in corridor
+            ]
+            self._grid.leave_out(~np.logical_or.reduce(inside), len(self._names) - 1)
 
     # -- the goal ---------------------------------------------------------------------------------------------------
 

@@ -19,13 +19,13 @@ from linked_fleet_gateway.extensions.navigation.messages import (
     Answer,
     AsideOf,
     Blocked,
-    Corridor,
     FloorCells,
     Goal,
     Obstacle,
     PlanFailed,
     PlanWay,
     Polygon,
+    Strip,
     TooFar,
     Way,
 )
@@ -73,15 +73,19 @@ class NoWayError(DriveError):
         self.by = by
 
 
+class UnplannedError(DriveError):
+    """No way could be planned now; there may be one."""
+
+
 class Base(Protocol):
     """A base that can be driven."""
 
     @property
     def name(self) -> str:
-        """The name of its obstacle: the path of the robot."""
+        """The name of its obstacle: that of the robot."""
 
     async def around(self) -> Around:
-        """Return what is around it. Raises an error of the gateway."""
+        """Return what is around it. Raises UnplannedError if that is unknown now, and errors of the gateway."""
 
     async def follow(self, way: Way) -> Ended:
         """Drive along a way, until the base stands."""
@@ -110,7 +114,7 @@ class Trip:
     base: Base
     goal: Goal
     rank: tuple[int, int]
-    corridor: Corridor | None = None
+    corridor: tuple[Strip, ...] = ()
     report: Callable[[str], None] = lambda reason: None
     way: tuple[Polygon, ...] = ()
     """The floor that it covers on the way that it drives."""
@@ -131,15 +135,26 @@ class Trip:
 
 
 class Traffic:
-    """The drives of a gateway. ``is_driven`` tells if a robot is on such a drive at any gateway."""
+    """The drives of a gateway.
 
-    def __init__(self, plan: Plan, is_driven: Callable[[str], bool] = lambda name: False) -> None:
-        self._plan, self._is_driven = plan, is_driven
+    ``is_driven`` tells if a robot is on such a drive at any gateway, ``title`` what an obstacle is called.
+    """
+
+    def __init__(
+        self,
+        plan: Plan,
+        is_driven: Callable[[str], bool] = lambda name: False,
+        title: Callable[[str], str] = str,
+    ) -> None:
+        self._plan, self._is_driven, self._title = plan, is_driven, title
         self._trips = dict[str, Trip]()
         self._changed = asyncio.Event()
 
     async def first_way(self, trip: Trip) -> Way | None:
-        """Return the way of a new drive; None if it has to wait for other robots first. Raises NoWayError."""
+        """Return the way of a new drive; None if it has to wait for other robots first.
+
+        Raises NoWayError, UnplannedError.
+        """
         around = await self._around(trip)
         answer = await self._ask(trip, around, around.obstacles)
         if isinstance(answer, Way):
@@ -147,12 +162,14 @@ class Traffic:
         alone = await self._ask(trip, around, self._lasting(around))
         if isinstance(alone, Way):
             return None
-        raise NoWayError(in_words(alone), alone.by if isinstance(alone, Blocked) else ())
+        if isinstance(alone, PlanFailed):
+            raise UnplannedError(self.in_words(alone))
+        raise NoWayError(self.in_words(alone), alone.by if isinstance(alone, Blocked) else ())
 
     async def run(self, trip: Trip) -> None:
         """Drive to the goal. Raises DriveError."""
         if trip.name in self._trips:
-            raise DriveError(f"{trip.name[1:]} is on another drive of this kind")
+            raise DriveError(f"{trip.name} is on another drive of this kind")
         self._trips[trip.name] = trip
         try:
             await self._run(trip)
@@ -208,20 +225,23 @@ class Traffic:
 
     async def _way(self, trip: Trip) -> tuple[tuple[Around, Way] | None, str]:
         """Return the way if nobody is on it; else None, and what the drive waits for."""
-        around = await self._around(trip)
+        try:
+            around = await self._around(trip)
+        except UnplannedError as error:
+            return None, str(error)
         answer = await self._ask(trip, around, around.obstacles)
         if isinstance(answer, Way):
             return (around, answer), ""
         alone = await self._ask(trip, around, self._lasting(around))
         if not isinstance(alone, Way):
             trip.waits_for = ()
-            return None, in_words(alone)
+            return None, self.in_words(alone)
         floor = _floor(around, alone)
         on_it = self._on(around, floor)
         for name in on_it:
             self._ask_aside(trip, name, floor)
         trip.waits_for = on_it
-        return None, f"waits for {' and '.join(name[1:] for name in on_it) or 'other robots'}"
+        return None, f"waits for {' and '.join(map(self._title, on_it)) or 'other robots'}"
 
     def _on(self, around: Around, floor: Sequence[Polygon]) -> tuple[str, ...]:
         """Return the robots on a floor that will leave it."""
@@ -257,12 +277,16 @@ class Traffic:
             elif aside.done:
                 await self._wait()
             else:
-                trip.report(f"gives way to {aside.asker.name[1:]}")
-                await self._leave(trip, aside)
+                trip.report(f"gives way to {aside.asker.name}")
+                try:
+                    await self._leave(trip, aside)
+                except UnplannedError as error:
+                    trip.report(str(error))
+                    await self._wait()
 
     async def _leave(self, trip: Trip, aside: _Aside) -> None:
         """Drive off a floor, or make those ask who are in the way of that. Give up if nothing helps."""
-        around, off = await self._around(trip), replace(trip, goal=AsideOf(aside.floor), corridor=None)
+        around, off = await self._around(trip), replace(trip, goal=AsideOf(aside.floor), corridor=())
         answer = await self._ask(off, around, around.obstacles)
         if isinstance(answer, Way):
             ended = await self._drive_aside(trip, around, answer)
@@ -318,6 +342,22 @@ class Traffic:
             PlanWay(around.pose, trip.goal, around.outline, others, around.cells, trip.corridor, around.lateral)
         )
 
+    def in_words(self, answer: Answer) -> str:
+        """Return why there is no way."""
+        match answer:
+            case Blocked(place, by):
+                what = " and ".join(map(self._title, by)) or "what is around it"
+                return {
+                    "start": f"the base cannot leave its place because of {what}",
+                    "goal": f"the goal cannot be reached because of {what}",
+                    "between": f"no way leads to the goal because of {what}",
+                }[place]
+            case TooFar(most_m):
+                return f"the goal is further than {most_m:g} m, or the way to it has too many corners"
+            case PlanFailed(reason):
+                return f"no way could be planned: {reason}"
+        raise AssertionError(answer)
+
     def _tell(self) -> None:
         self._changed.set()
         self._changed = asyncio.Event()
@@ -341,20 +381,3 @@ def _floor(around: Around, way: Way) -> tuple[Polygon, ...]:
 
 def _is_on(obstacle: Obstacle, floor: Sequence[Polygon]) -> bool:
     return any(meets(one, other) for one in obstacle.polygons for other in floor)
-
-
-def in_words(answer: Answer) -> str:
-    """Return why there is no way."""
-    match answer:
-        case Blocked(place, by):
-            what = " and ".join(by) or "what is around it"
-            return {
-                "start": f"the base cannot leave its place because of {what}",
-                "goal": f"the goal cannot be reached because of {what}",
-                "between": f"no way leads to the goal because of {what}",
-            }[place]
-        case TooFar(most_m):
-            return f"the goal is further than {most_m:g} m, or the way to it has too many corners"
-        case PlanFailed(reason):
-            return f"no way could be planned: {reason}"
-    raise AssertionError(answer)

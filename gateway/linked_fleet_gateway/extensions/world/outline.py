@@ -14,14 +14,12 @@ import numpy as np
 import pinocchio as pin
 
 from linked_fleet_agent.planar import Pose
+from linked_fleet_gateway.extensions.world.corners import RING
 from linked_fleet_gateway.extensions.world.robot import Body
 from linked_fleet_gateway.extensions.world.surfaces import Array, convex_hull
 
 _DIRECTIONS = np.array([(math.cos(angle), math.sin(angle)) for angle in np.arange(64) * math.tau / 64])
 """A hull has the points that are the furthest in these directions: 0.1 % of its radius may be missing."""
-_SIDES = 24
-_RING = np.array([(math.cos(angle), math.sin(angle), 0.0) for angle in np.arange(_SIDES) * math.tau / _SIDES])
-_RING /= math.cos(math.pi / _SIDES)
 _TURN_RAD = math.radians(10.0)
 """A turn is split so that the corners of a robot leave the hull of both ends by 0.4 % of its radius."""
 _THIN_M = 1e-3
@@ -83,41 +81,15 @@ def pieces(way: Sequence[Pose]) -> Iterator[tuple[Pose, Pose]]:
 
 def _points(body: Body, at: pin.SE3) -> Array:
     """Return points of which the convex hull contains a body."""
-    local = corners_of(body.shape if body.hull is None else body.hull)
     if isinstance(body.shape, coal.Sphere | coal.Capsule):
-        return _around(local, body.shape.radius, at)
-    found: Array = local @ at.rotation.T + at.translation
+        return _around(body.corners, body.shape.radius, at)
+    found: Array = body.corners @ at.rotation.T + at.translation
     return found
 
 
 def _around(centres: Array, radius: float, at: pin.SE3) -> Array:
     """Return rings about the centres of spheres, and their highest and lowest points."""
     placed = centres @ at.rotation.T + at.translation
-    offsets = np.concatenate((radius * _RING, ((0.0, 0.0, -radius), (0.0, 0.0, radius))))
+    offsets = np.concatenate((radius * RING, ((0.0, 0.0, -radius), (0.0, 0.0, radius))))
     found: Array = (placed[:, None, :] + offsets).reshape(-1, 3)
     return found
-
-
-def corners_of(shape: coal.CollisionGeometry) -> Array:
-    """Return the corners of a shape in its own frame; of one with round ends, the centres of these."""
-    match shape:
-        case coal.Sphere():
-            return np.zeros((1, 3))
-        case coal.Capsule():
-            return np.array([(0.0, 0.0, -shape.halfLength), (0.0, 0.0, shape.halfLength)])
-        case coal.Cylinder():
-            ends = np.array([(0.0, 0.0, -shape.halfLength), (0.0, 0.0, shape.halfLength)])
-            rings: Array = (ends[:, None, :] + shape.radius * _RING).reshape(-1, 3)
-            return rings
-        case coal.Box():
-            return _box(-np.array(shape.halfSide), np.array(shape.halfSide))
-        case coal.ConvexBase():
-            return np.array(shape.points(), dtype=float).reshape(-1, 3)
-    shape.computeLocalAABB()
-    bounds = shape.aabb_local
-    return _box(np.array(bounds.min_), np.array(bounds.max_))
-
-
-def _box(low: Array, high: Array) -> Array:
-    ends = np.stack((low, high)).reshape(2, 3)
-    return np.array([[ends[i, 0], ends[j, 1], ends[k, 2]] for i, j, k in np.ndindex(2, 2, 2)])

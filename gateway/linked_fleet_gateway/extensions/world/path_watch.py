@@ -27,6 +27,8 @@ from linked_fleet_gateway.fleet.robot import Robot
 
 log = logging.getLogger(__name__)
 
+AHEAD = "something has come into its way: "
+"""The reason by which a drive is cancelled begins like this."""
 LOOK_S = 0.2
 _REACTION_S = 0.5
 """From a measurement until the base brakes: a look, the check, and the way of the request to stop."""
@@ -115,7 +117,7 @@ class PathWatch:
                 await self._checks.check_ahead(robot, path if whole else beginning(path, here, far_m), run.id)
                 held.surroundings = now
         except Collides as error:
-            await self._end(run, error.reason)
+            await self._end(run, AHEAD + error.reason)
         except Unchecked as error:
             log.debug("the path of %s is not checked now: %s", robot.name, error.detail)
 

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 import pinocchio as pin
 
+from linked_fleet_gateway.extensions.world.corners import corners_of
 from linked_fleet_gateway.extensions.world.reach import links_m, reach_m, slide_m
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
 from linked_fleet_gateway.fleet.kinematics import loose_joint
@@ -39,6 +40,11 @@ class Body:
     surface: Surface | None
     centre: Array
     radius: float
+
+    @cached_property
+    def corners(self) -> Array:
+        """The corners (N, 3) of the hull in its own frame; of a shape with round ends, the centres of these."""
+        return corners_of(self.hull)
 
 
 @dataclass(frozen=True)

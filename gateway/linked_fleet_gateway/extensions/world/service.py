@@ -20,11 +20,14 @@ from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS, describe_frame, describe_objects, object_path
 from linked_fleet_gateway.extensions.world.floor_map import ID, MAX_STORED_BYTES, FloorMap
 from linked_fleet_gateway.extensions.world.map_resources import MAP, describe_map
+from linked_fleet_gateway.extensions.world.messages import Surveyed
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.resources import resolve_world
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject, decode, encode
+from linked_fleet_gateway.faces import View
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.serving import Live, StoredRecords
 
@@ -85,6 +88,15 @@ class World:
         elif self._grid is None or self._grid[0] is not found:
             self._grid = found, await asyncio.to_thread(_grid_of, found)
         return None if self._grid is None else self._grid[1]
+
+    @property
+    def floor(self) -> FloorMap | None:
+        """The map of the floor."""
+        return self.maps.known.get(ID)
+
+    async def survey(self, robot: Robot, sees: View) -> Surveyed:
+        """Return what stands on the floor around a robot with a placement. Raises Unchecked, Busy."""
+        return await self.checks.survey(robot, sees)
 
     def poses(self) -> dict[str, Pose]:
         """Poses of the frame itself and of the objects in it, by path."""

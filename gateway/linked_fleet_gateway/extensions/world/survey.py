@@ -8,8 +8,9 @@ from collections.abc import Iterator, Mapping
 import coal
 import numpy as np
 
+from linked_fleet_gateway.extensions.world.corners import corners_of
 from linked_fleet_gateway.extensions.world.messages import Placement, Plan, Seen, Survey, Surveyed
-from linked_fleet_gateway.extensions.world.outline import Outline, corners_of, hull_of, outline, pieces
+from linked_fleet_gateway.extensions.world.outline import Outline, hull_of, outline, pieces
 from linked_fleet_gateway.extensions.world.path import UnknownPosition
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
@@ -49,7 +50,7 @@ def _object(placed: Placement, shape: coal.CollisionGeometry, heights: tuple[flo
 def _robot(placed: Placement, robot: Robot, heights: tuple[float, float]) -> Seen | None:
     stood, base = MovingRobot(robot, placed.configurations[0]), se3(placed.base)
     shapes = []
-    for positions in (placed.configurations[0], placed.configurations[-1]):
+    for positions in placed.configurations[:: max(len(placed.configurations) - 1, 1)]:
         stood.set_positions(positions)
         shapes += list(_bodies(stood, placed, heights))
     if not shapes:

@@ -20,9 +20,9 @@ pytestmark = pytest.mark.virtual
 LONG = "LONG_TESTS" in os.environ
 CROSSINGS = range(500 if LONG else 6)
 OUTLINE: Polygon = ((0.3, -0.2), (0.3, 0.2), (-0.3, 0.2), (-0.3, -0.2))
-SPEED_M_S, TURN_RAD_S, TICK_S = 0.5, 1.0, 0.1
+SPEED_M_S, TURN_RAD_S, TICK_S = 1.5, 3.0, 0.05
 SIDE_M = 7.0
-MOST_S = 170.0
+MOST_S = 55.0
 
 
 def placed(outline: Polygon, pose: Pose) -> Polygon:

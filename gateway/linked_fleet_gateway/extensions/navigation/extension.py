@@ -1,0 +1,55 @@
+"""The extension ``navigation``: bases drive to a place on a way that is found, and give way to each other."""
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import msgspec
+
+from linked_fleet_gateway.api import Core, Extension, Mount
+from linked_fleet_gateway.extensions.navigation.drive_to import LF, DriveTo
+from linked_fleet_gateway.extensions.navigation.messages import MAP, Answer, PlanFailed, PlanWay
+from linked_fleet_gateway.extensions.navigation.traffic import Traffic
+from linked_fleet_gateway.extensions.world.descriptions import OBJECTS
+from linked_fleet_gateway.extensions.world.service import World
+from linked_fleet_gateway.faces import robot_path
+from linked_fleet_gateway.serving import NoReply, QuestionProcess
+
+PLAN_S = 5.0
+"""The longest that a plan may take, with the start of its process."""
+
+
+class NavigationExtension(Extension):
+    name = "navigation"
+    needs = ("world",)
+    vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
+    kinds = (Path(__file__).with_name("drive_to.ttl"),)
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        world = core.service(World)
+        process = QuestionProcess[PlanWay, Answer](
+            "linked_fleet_gateway.extensions.navigation.planning_process", msgspec.msgpack.Decoder(Answer)
+        )
+
+        async def plan(asked: PlanWay) -> Answer:
+            try:
+                return await process.ask(asked, PLAN_S)
+            except NoReply:
+                return PlanFailed("the planner gave no answer in time")
+
+        def is_driven(name: str) -> bool:
+            return bool(name) and bool(core.running(f"{robot_path(name)}actions/driveTo"))
+
+        def title(name: str) -> str:
+            if name == MAP:
+                return "the map of the floor" if world.floor is None else world.floor.title
+            if name.startswith(OBJECTS + "/"):
+                thing = world.objects.known.get(name.removeprefix(OBJECTS + "/"))
+                return "an object that is gone" if thing is None else thing.title
+            return name or "another robot"
+
+        try:
+            yield Mount(handlers={LF.DriveTo: DriveTo(core, world, Traffic(plan, is_driven, title)).plan})
+        finally:
+            await process.end()
