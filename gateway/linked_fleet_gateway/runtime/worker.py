@@ -12,6 +12,10 @@ from typing import Any, ClassVar
 _INHERITED = ("PATH", "PYTHONPATH", "PYTHONHOME", "LD_LIBRARY_PATH", "HOME", "LANG", "LC_ALL", "TMPDIR", "VIRTUAL_ENV")
 
 
+_ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
+"""For numpy: threads of one computation wait for each other while other processes use the processors."""
+
+
 class Worker:
     """A process ``python -m module`` with a reduced environment and no terminal.
 
@@ -68,7 +72,7 @@ class Worker:
         # A session of its own, so that Ctrl-C goes to the gateway only; the process ends when its pipe closes.
         self._process = await asyncio.create_subprocess_exec(
             sys.executable, "-m", self._module, *arguments,
-            env=environment | self._environment, start_new_session=True, **pipes,
+            env=environment | _ONE_THREAD | self._environment, start_new_session=True, **pipes,
         )  # fmt: skip
         self._ended = False
         return self._process

@@ -12,28 +12,28 @@ _TURN_RAD = math.radians(20.0)
 
 
 def swept(outline: Polygon, start: Pose, way: Sequence[Pose], lateral: bool) -> Iterator[Polygon]:
-    """Yield convex polygons that contain the base on its way, with a margin."""
+    """Yield convex polygons that contain the base on its way, with a margin: one for each leg, and for each turn."""
     wide = [_widened(each) for each in outline]
-    for one, other in pairwise(_stations(start, way, lateral)):
-        yield hull([*_placed(wide, one), *_placed(wide, other)])
+    for piece in _pieces(start, way, lateral):
+        yield hull([corner for pose in piece for corner in _placed(wide, pose)])
 
 
-def _stations(start: Pose, way: Sequence[Pose], lateral: bool) -> Iterator[Pose]:
+def _pieces(start: Pose, way: Sequence[Pose], lateral: bool) -> Iterator[list[Pose]]:
     at = start
-    yield at
     for end in way:
-        if not lateral and math.dist(at[:2], end[:2]) > 1e-6:
-            ahead = at.heading + math.remainder(math.atan2(end.y - at.y, end.x - at.x) - at.heading, math.tau)
-            for turned in _turned(at, ahead):
-                at = turned
-                yield at
-            at = Pose(end.x, end.y, at.heading)
-            yield at
-        elif lateral:
-            at = Pose(end.x, end.y, at.heading)
-            yield at
+        ahead = math.atan2(end.y - at.y, end.x - at.x) if math.dist(at[:2], end[:2]) > 1e-6 else at.heading
+        turned = _turn_to(at, end.heading if lateral else ahead)
+        yield turned
+        at = Pose(end.x, end.y, turned[-1].heading)
+        yield [turned[0], *turned[-1:], at] if lateral else [turned[-1], at]
     if way:
-        yield from _turned(at, at.heading + math.remainder(way[-1].heading - at.heading, math.tau))
+        yield _turn_to(at, way[-1].heading)
+
+
+def _turn_to(at: Pose, heading: float) -> list[Pose]:
+    """Return the poses of a turn on the spot."""
+    heading = at.heading + math.remainder(heading - at.heading, math.tau)
+    return [at, *_turned(at, heading)]
 
 
 def _turned(at: Pose, heading: float) -> Iterator[Pose]:

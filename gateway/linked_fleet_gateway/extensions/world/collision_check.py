@@ -119,6 +119,10 @@ def check(
         return CheckFailed(str(error))
 
 
+def _centre(thing: StaticBody | None) -> Array:
+    return np.zeros(3) if thing is None else thing.centre
+
+
 class _Sweep:
     """The check of all pairs that may come near on any of the paths."""
 
@@ -143,6 +147,9 @@ class _Sweep:
         self._bodies = np.array([pair.body for pair in self._pairs], dtype=np.intp)
         self._others = np.array([pair.other for pair in self._pairs], dtype=np.intp)
         self._fixed = np.array([pair.thing is not None for pair in self._pairs], dtype=bool)
+        # Centres and radii of the things; those of the robot's own bodies differ from place to place.
+        self._there = np.array([_centre(pair.thing) for pair in self._pairs]).reshape(len(self._pairs), 3)
+        self._their_radii = np.array([0.0 if pair.thing is None else pair.thing.radius for pair in self._pairs])
         self._least = np.array([pair.least_m for pair in self._pairs])
         self._fine = np.array([pair.fine for pair in self._pairs], dtype=bool)
         self._looks = 0
@@ -284,20 +291,25 @@ class _Sweep:
         """Return lower bounds of the free distance of each pair, by bounding spheres."""
         bodies, others, fixed = self._bodies[pairs], self._others[pairs], self._fixed[pairs]
         centres = self._mover.centres(np.concatenate([bodies, others[~fixed]]))
-        there, radii = np.zeros((len(pairs), 3)), np.zeros(len(pairs))
+        there, radii = self._there[pairs], self._their_radii[pairs]
         there[~fixed], radii[~fixed] = centres[others[~fixed]], self._radii[others[~fixed]]
-        for n in np.nonzero(fixed)[0].tolist():
-            there[n], radii[n] = self._things[others[n]].centre, self._things[others[n]].radius
         apart: Array = np.linalg.norm(centres[bodies] - there, axis=1)
         found: Array = apart - self._radii[bodies] - radii - self._least[pairs]
         return found
 
     def _places(self, path: Path, at: int, pairs: Indices, room: Array) -> Indices:
         """Return the number of places until each pair must be checked again, given its free distance ``room``."""
-        window = max(2 * _ALIGNED, min(_WINDOW, _ROOM // len(pairs)))
+        free = self._free_places(path, at, pairs, room, 4 * _ALIGNED)
+        if len(further := np.nonzero(free == 4 * _ALIGNED)[0]):
+            window = max(4 * _ALIGNED, min(_WINDOW, _ROOM // len(further)))
+            free[further] = self._free_places(path, at, pairs[further], room[further], window)
+        return np.where(free > 2 * _ALIGNED, (at + free) // _ALIGNED * _ALIGNED - at, free)
+
+    def _free_places(self, path: Path, at: int, pairs: Indices, room: Array, window: int) -> Indices:
+        """Return how many of the next places, this one included, each pair certainly does not collide at."""
         gone = (path.accumulated[at : at + window] - path.accumulated[at]) @ self._weights[pairs].T
         free: Indices = np.maximum(1, (gone <= room).sum(axis=0))
-        return np.where(free > 2 * _ALIGNED, (at + free) // _ALIGNED * _ALIGNED - at, free)
+        return free
 
     def _shapes(self, pair: _Pair) -> tuple[Shape, Shape]:
         other = self._mover.shape(pair.other) if pair.thing is None else pair.thing.shape

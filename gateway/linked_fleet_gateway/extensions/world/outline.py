@@ -22,7 +22,7 @@ _DIRECTIONS = np.array([(math.cos(angle), math.sin(angle)) for angle in np.arang
 """A hull has the points that are the furthest in these directions: 0.1 % of its radius may be missing."""
 _TURN_RAD = math.radians(10.0)
 """A turn is split so that the corners of a robot leave the hull of both ends by 0.4 % of its radius."""
-_THIN_M = 1e-3
+_THIN_M, _SPOT_M = 1e-3, 0.05
 
 
 class Outline(NamedTuple):
@@ -61,22 +61,30 @@ def hull_of(points: Array) -> Array:
 
 
 def swept(shape: Outline, way: Sequence[Pose]) -> Iterator[coal.CollisionGeometry]:
-    """Yield the spaces that a robot takes on a way from the origin, one for each straight piece of it."""
-    for start, end in pieces(way):
-        plan = hull_of(np.concatenate((shape.at(start), shape.at(end))))
+    """Yield the spaces that a robot takes on a way from the origin: one for each straight piece, and for each turn."""
+    for plan in plans_along(shape, way):
         low, high = shape.low, max(shape.high, shape.low + _THIN_M)
         yield convex_hull(np.concatenate([np.column_stack((plan, np.full(len(plan), z))) for z in (low, high)]))
 
 
-def pieces(way: Sequence[Pose]) -> Iterator[tuple[Pose, Pose]]:
-    """Yield the pieces of a way, of which none turns much."""
+def plans_along(shape: Outline, way: Sequence[Pose]) -> Iterator[Array]:
+    """Yield the corners (N, 2) of what a robot covers on each piece of a way from the origin."""
+    for piece in _pieces(way):
+        yield hull_of(np.concatenate([shape.at(each) for each in piece]))
+
+
+def _pieces(way: Sequence[Pose]) -> Iterator[Sequence[Pose]]:
+    """Yield the poses of the pieces of a way: those of a turn on the spot, else two with little turn between them."""
     for start, end in pairwise((Pose(), *way)):
         count = max(1, math.ceil(abs(end.heading - start.heading) / _TURN_RAD))
         steps = [
             Pose(*(at + index / count * (to - at) for at, to in zip(start, end, strict=True)))
             for index in range(count + 1)
         ]
-        yield from pairwise(steps)
+        if math.dist(start[:2], end[:2]) < _SPOT_M:
+            yield steps
+        else:
+            yield from pairwise(steps)
 
 
 def _points(body: Body, at: pin.SE3) -> Array:

@@ -10,7 +10,7 @@ import numpy as np
 
 from linked_fleet_gateway.extensions.world.corners import corners_of
 from linked_fleet_gateway.extensions.world.messages import Placement, Plan, Seen, Survey, Surveyed
-from linked_fleet_gateway.extensions.world.outline import Outline, hull_of, outline, pieces
+from linked_fleet_gateway.extensions.world.outline import Outline, hull_of, outline, plans_along
 from linked_fleet_gateway.extensions.world.path import UnknownPosition
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
@@ -57,7 +57,7 @@ def _robot(placed: Placement, robot: Robot, heights: tuple[float, float]) -> See
         return None
     standing = tuple(_plan(each.corners @ base.rotation[:2, :2].T + base.translation[:2]) for each in shapes)
     whole = Outline(hull_of(np.concatenate([each.corners for each in shapes])), 0.0, 0.0)
-    legs = [hull_of(np.concatenate((whole.at(start), whole.at(end)))) for start, end in pieces(placed.way)]
+    legs = plans_along(whole, placed.way)
     ways = tuple(_plan(each @ base.rotation[:2, :2].T + base.translation[:2]) for each in legs)
     return Seen("robot", placed.name, standing, ways)
 
