@@ -43,6 +43,10 @@ class Pose(NamedTuple):
         heading = math.remainder(self.heading + angular_rad, math.tau)
         return Pose(self.x + along * cosine - across * sine, self.y + along * sine + across * cosine, heading)
 
+    def ahead_m(self, other: "Pose") -> float:
+        """Return how far another pose is ahead of this one; one that is behind has a negative distance."""
+        return (other.x - self.x) * math.cos(self.heading) + (other.y - self.y) * math.sin(self.heading)
+
     def error_of(self, other: "Pose") -> tuple[float, float]:
         """Return how far another pose is away: the distance, and the turn without its sign."""
         turn = math.remainder(other.heading - self.heading, math.tau)

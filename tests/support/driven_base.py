@@ -33,8 +33,8 @@ class Ideal(VelocityBase, limits=LIMITS):
 
 
 class Driven(Bench):
-    def __init__(self) -> None:
-        self.base = Ideal()
+    def __init__(self, base: Ideal | None = None) -> None:
+        self.base = base or Ideal()
         super().__init__(other=RobotOfComponents("Base", self.base, measure_base=lambda: self.base.reading))
 
     def drive(self, id: str, **given: float) -> None:

@@ -11,6 +11,7 @@ from msgspec import Meta
 
 from linked_fleet_agent.components.call import Call
 from linked_fleet_agent.components.component import action, value
+from linked_fleet_agent.components.docking import docking, station_at
 from linked_fleet_agent.components.input_stream import InputStream
 from linked_fleet_agent.components.kinds import (
     Angular,
@@ -22,6 +23,7 @@ from linked_fleet_agent.components.kinds import (
     PlanarLimits,
     PlanarPose,
     PlanarTwist,
+    Station,
 )
 from linked_fleet_agent.components.path_following import following
 from linked_fleet_agent.components.schemas import unit
@@ -34,6 +36,7 @@ from linked_fleet_agent.wire.components import BASE, StreamLimits
 MOST_S, USUAL_S = 1.0, 0.5
 """How long one request of velocities holds, at most and by default."""
 _STOP_MARGIN_S = 0.5
+_CONTACT_M, _CONTACT_RAD = 0.01, math.radians(1.0)
 _TAKE_OVER_TICKS, _SILENCE_S = 3, 2.0
 
 
@@ -47,6 +50,8 @@ class VelocityBase(Base, blocking=False):
 
     ``moves`` are joints that move with the base, such as those of legs, and ``settles_s`` is the time that it takes to
     come to rest after its velocity is zero.
+
+    One that ``docks`` writes ``known_stations``, and ``station_in_contact`` if it measures the contact.
     """
 
     name = "mobile_base"  # links are often called "base"
@@ -54,7 +59,13 @@ class VelocityBase(Base, blocking=False):
     corners: ClassVar[tuple[tuple[float, float], ...]]
 
     def __init_subclass__(
-        cls, *, limits: DriveLimits, moves: Sequence[str] = (BASE,), settles_s: float = 0.0, **options: Any
+        cls,
+        *,
+        limits: DriveLimits,
+        moves: Sequence[str] = (BASE,),
+        settles_s: float = 0.0,
+        docks: bool = False,
+        **options: Any,
     ) -> None:
         super().__init_subclass__(**options)
         cls.limits = limits
@@ -62,6 +73,8 @@ class VelocityBase(Base, blocking=False):
         stop_s = limits.braking_s(fastest) + settles_s + _STOP_MARGIN_S
         cls.drive = _drive(limits, moves, stop_s)  # type: ignore[attr-defined]
         cls.follow_path = following(limits, moves, stop_s)  # type: ignore[attr-defined]
+        for name, member in docking(limits, moves, stop_s).items() if docks else ():
+            setattr(cls, name, member)
 
     def __init__(self) -> None:
         self.ramp = Ramp(self.limits)
@@ -88,6 +101,14 @@ class VelocityBase(Base, blocking=False):
     @abstractmethod
     def measure(self, elapsed_s: float) -> tuple[Pose, Velocity]:
         """Return the measured pose in the odometry frame, and the measured velocity."""
+
+    def known_stations(self) -> Sequence[Station]:
+        """Return the charging stations, as the base sees them now. Names are unique."""
+        return ()
+
+    def station_in_contact(self) -> str:
+        """Return the name of the station that charges the base, empty if none does; by its odometry alone here."""
+        return station_at(self.pose_now, self.known_stations(), _CONTACT_M, _CONTACT_RAD)
 
     @value
     def pose(self) -> PlanarPose:

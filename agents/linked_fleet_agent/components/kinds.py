@@ -104,6 +104,28 @@ class Arrived(Struct, rename="camel"):
     heading_error: Annotated[float, unit("RAD"), _between(0), Meta(title="Error of the heading")]
 
 
+StationName = Annotated[str, Meta(max_length=64, title="Name of a charging station")]
+
+
+class Station(Struct):
+    """A charging station: the pose, in the odometry frame, of a base that is docked there.
+
+    The way into it is straight, over ``approach`` metres.
+    """
+
+    name: Annotated[str, Meta(min_length=1, max_length=64, title="Name of the charging station")]
+    x: _Near
+    y: _Near
+    heading: Annotated[float, unit("RAD"), Meta(title="Heading, counterclockwise")]
+    approach: Annotated[float, unit("M"), Meta(ge=0.1, le=2, title="Length of the straight way into it")] = 0.4
+
+
+class Docked(Arrived, rename="camel"):
+    """The result of docking: the station, and how far from its pose the base stands, by its odometry."""
+
+    station: StationName
+
+
 class Gripper(Component, kind=LF + "Gripper", rename="camel"):
     """A gripper.
 
@@ -184,6 +206,7 @@ class Base(Component, kind=LF + "Base", rename="camel", rate_hz=10):
     possible ``drive_limits``, without which gateways do not know how it brakes and check no way for collisions, and
     ``path``, the poses that it has yet to pass, by which gateways keep others off its way. Write the action
     ``drive(linear, angular, duration)``, which moves ``BASE``, whose parameters have defaults, and which lasts a
-    second at most. It may have ``follow_path(path, speed) -> Arrived``. ``linked_fleet_agent.components.driving`` has
-    all of it for a base that takes velocities.
+    second at most. It may have ``follow_path(path, speed) -> Arrived``, and, if it charges at stations, the values
+    ``stations`` and ``docked_at`` (empty while it is not docked) and the actions ``dock(station) -> Docked`` and
+    ``undock()``. ``linked_fleet_agent.components.driving`` has all of it for a base that takes velocities.
     """

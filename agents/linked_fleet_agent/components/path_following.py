@@ -40,6 +40,13 @@ class Driving(Protocol):
     async def tick(self) -> float: ...
 
 
+class Reports(Protocol):
+    """Takes what is said while a path is followed, as a ``Call`` does."""
+
+    def progress(self, share: float, /) -> None: ...
+    def feedback(self, value: PlanarPose, /) -> None: ...
+
+
 class Watch:
     """Notices that a base does not move."""
 
@@ -55,7 +62,7 @@ class Watch:
             raise PathError(f"the base has not moved for {_STUCK_S:g} s, although it should")
 
 
-async def follow(base: Driving, call: Call[PlanarPose], tracker: Tracker) -> None:
+async def follow(base: Driving, call: Reports, tracker: Tracker) -> None:
     """Drive along a path until the base stands at its end. Raises PathError if it cannot go on."""
     watch = Watch()
     while not tracker.finished:
@@ -70,9 +77,7 @@ async def follow(base: Driving, call: Call[PlanarPose], tracker: Tracker) -> Non
         call.feedback(base.pose)
 
 
-async def track(
-    base: Driving, call: Call[PlanarPose], path: Sequence[Pose], speed: float = 1.0, reverse: bool = False
-) -> None:
+async def track(base: Driving, call: Reports, path: Sequence[Pose], speed: float = 1.0, reverse: bool = False) -> None:
     """Follow a path from where the base is. One that moves goes on, or stops first if it moves otherwise."""
     tracker, moving = None, base.ramp.velocity
     ahead = base.ahead = PosesAhead(base.pose_now, path)
@@ -81,14 +86,15 @@ async def track(
             tracker = Tracker(base.pose_now, from_here(base.pose_now, path), base.limits, speed, reverse)
             tracker = tracker if tracker.join(moving) else None
         if tracker is None:
-            await _stand(base)
+            await stand(base)
             tracker = Tracker(base.pose_now, path, base.limits, speed, reverse)
         await follow(base, call, tracker)
     finally:
         ahead.clear()
 
 
-async def _stand(base: Driving) -> None:
+async def stand(base: Driving) -> None:
+    """Brake, and wait until the base is at rest."""
     base.ramp.brake()
     while not base.standing:
         await base.tick()

@@ -3,11 +3,13 @@
 MuJoCo and the packages for ROS 2 are imported only when a robot needs them.
 """
 
+import math
 import sysconfig
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from linked_fleet_agent.components.kinds import Station
 from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots, mesh_files
 from linked_fleet_agent.planar import Differential, DriveLimits
 from linked_fleet_agent.robot import Facts, JointFacts, Robot
@@ -98,8 +100,14 @@ _PMB2 = BasePart(
     corners_of(radius=0.275),
     Differential(radius=0.0985, separation=0.4044),
     ("wheel_left_joint", "wheel_right_joint"),
+    resistance_n=30.0,
 )
 """The base of TIAGo."""
+
+
+def _with_station(x: float, y: float, heading: float) -> BasePart:
+    return replace(_PMB2, stations=(Station("charger", x, y, heading),))
+
 
 _GO2 = LegsPart(
     "Legs",
@@ -195,14 +203,20 @@ MODELS: Mapping[str, Model] = {
         },
         floating=True,
         cameras=(_camera("head", "xtion_rgb_optical_frame"),),
-        parts=Parts(base=_PMB2, battery=BatteryPart(capacity_wh=720.0, idle_w=60.0, charger_w=300.0)),
+        parts=Parts(
+            base=_with_station(-1.2, 0.0, math.pi),
+            battery=BatteryPart(capacity_wh=720.0, idle_w=60.0, charger_w=300.0),
+        ),
     ),
     "pmb2": Model(
         "tiago_description/robots/tiago.urdf",
         "PMB-2, a transport base",
         "The wheeled base of TIAGo without torso and arm. Its top is flat and can carry a box.",
         floating=True,
-        parts=Parts(base=_PMB2, battery=BatteryPart(capacity_wh=720.0, idle_w=40.0, charger_w=300.0)),
+        parts=Parts(
+            base=_with_station(1.2, 0.0, 0.0),
+            battery=BatteryPart(capacity_wh=720.0, idle_w=40.0, charger_w=300.0),
+        ),
         cut_at=("torso_fixed_joint", "torso_fixed_column_joint"),
     ),
     "go2": Model(

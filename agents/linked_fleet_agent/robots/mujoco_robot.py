@@ -203,7 +203,8 @@ class MujocoRobot:
         return float(self._data.time)
 
     def _mechanical_w(self) -> float:
-        return float(np.dot(np.abs(self._data.qfrc_actuator), np.abs(self._data.qvel)))
+        rolling_w = self.base.rolling_w if isinstance(self.base, RollingBase) else 0.0
+        return rolling_w + float(np.dot(np.abs(self._data.qfrc_actuator), np.abs(self._data.qvel)))
 
     def _status(self) -> list[Status]:
         said = [self._clock_status(), self._motor_status()]

@@ -12,6 +12,13 @@ class Odometry:
         self.drift, self.pose = 0.0, Pose()
         self._counted = true
 
+    def seen(self, true: Pose) -> Pose:
+        """Return where something is that the base sees, in the frame that it counts in."""
+        here, pose = self._counted, self.pose
+        turn = math.remainder(pose.heading - here.heading, math.tau)
+        cosine, sine, x, y = math.cos(turn), math.sin(turn), true.x - here.x, true.y - here.y
+        return Pose(pose.x + x * cosine - y * sine, pose.y + x * sine + y * cosine, true.heading + turn)
+
     def count(self, true: Pose) -> None:
         """Count the way to where the base really is now."""
         before, pose, scale = self._counted, self.pose, 1.0 + self.drift

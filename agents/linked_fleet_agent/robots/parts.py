@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from linked_fleet_agent.components.kinds import Station
 from linked_fleet_agent.planar import Differential, DriveLimits
 from linked_fleet_agent.robots.trot import Leg
 
@@ -46,7 +47,8 @@ def corners_of(radius: float, count: int = 12) -> tuple[tuple[float, float], ...
 class BasePart:
     """A base that rolls over the floor: its limits, its corners (m), and its left and right wheel with their drive.
 
-    ``link`` is the root link of the robot, with its origin on the floor.
+    ``link`` is the root link of the robot, with its origin on the floor. Rolling takes ``resistance_n``. ``stations``
+    are where the base charges, in the frame where the simulation begins.
     """
 
     title: str
@@ -55,6 +57,8 @@ class BasePart:
     corners: tuple[tuple[float, float], ...]
     drive: Differential | None = None
     wheels: tuple[str, ...] = ()
+    resistance_n: float = 0.0
+    stations: tuple[Station, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,22 @@ import math
 from collections.abc import Callable
 
 import mujoco
+from msgspec.structs import replace
 
+from linked_fleet_agent.components.docking import pose_of, station_at
 from linked_fleet_agent.components.driving import VelocityBase
+from linked_fleet_agent.components.kinds import Station
 from linked_fleet_agent.planar import STANDING, Pose, Velocity
 from linked_fleet_agent.robots.mujoco_model import PLANE
 from linked_fleet_agent.robots.odometry import Odometry
 from linked_fleet_agent.robots.parts import BasePart, LegsPart
 from linked_fleet_agent.robots.walking_base import WalkingBase
 from linked_fleet_agent.wire.components import BASE
+
+SIGHT_M = 2.0
+"""From so far a base sees a charging station."""
+CONTACT_M, CONTACT_RAD = 0.015, math.radians(1.5)
+"""The most that a base may be off the pose in which a station charges it."""
 
 
 class RollingBase:
@@ -32,6 +40,7 @@ class RollingBase:
         self._wheel_servos = slice(first_servo + len(PLANE), first_servo + len(PLANE) + len(part.wheels))
         self._wanted = STANDING
         self.odometer = Odometry(self.pose)
+        self._seen = {each.name: each for each in part.stations}
 
     @property
     def pose(self) -> Pose:
@@ -48,6 +57,24 @@ class RollingBase:
     def velocity(self) -> Velocity:
         """The measured velocity in the frame of the base."""
         return Velocity(*self._data.qvel[self._dof].tolist()).turned(-float(self._data.qpos[self._qpos[2]]))
+
+    @property
+    def rolling_w(self) -> float:
+        """The mechanical power that rolling takes."""
+        return self._part.resistance_n * abs(self.velocity.linear)
+
+    def stations(self) -> list[Station]:
+        """Return the charging stations as the base sees them, in the frame of its odometry; far ones as it saw them."""
+        for station in self._part.stations:
+            true = pose_of(station)
+            if true.error_of(self.pose)[0] <= SIGHT_M:
+                x, y, heading = (round(each, 4) + 0.0 for each in self.odometer.seen(true))
+                self._seen[station.name] = replace(station, x=x, y=y, heading=heading)
+        return list(self._seen.values())
+
+    def contact(self) -> str:
+        """Return the name of the station that charges the base, empty if none does."""
+        return station_at(self.pose, self._part.stations, CONTACT_M, CONTACT_RAD)
 
     def drive(self, velocity: Velocity) -> None:
         """Drive with this velocity until another one is given."""
@@ -68,8 +95,11 @@ class RollingBase:
 def base_of(part: BasePart | LegsPart, base: "SimulatedBase", share: Callable[[], float]) -> VelocityBase:
     """Return the component of a base. ``share`` returns the share of its speed that the robot uses."""
     moves = (BASE, *part.joints) if isinstance(part, LegsPart) else (BASE,)
+    docks = isinstance(part, BasePart) and bool(part.stations)
 
-    class Simulated(VelocityBase, limits=part.limits, moves=moves, settles_s=base.settles_s, blocking=False):
+    class Simulated(
+        VelocityBase, limits=part.limits, moves=moves, settles_s=base.settles_s, docks=docks, blocking=False
+    ):
         __doc__ = base.about
         title, link, corners = part.title, part.link, part.corners
 
@@ -86,6 +116,12 @@ def base_of(part: BasePart | LegsPart, base: "SimulatedBase", share: Callable[[]
 
         def measure(self, elapsed_s: float) -> tuple[Pose, Velocity]:
             return base.odometry, base.velocity
+
+        def known_stations(self) -> list[Station]:
+            return base.stations() if isinstance(base, RollingBase) else []
+
+        def station_in_contact(self) -> str:
+            return base.contact() if isinstance(base, RollingBase) else ""
 
     return Simulated()
 

@@ -23,7 +23,7 @@ from linked_fleet_agent.components import (
 )
 from linked_fleet_agent.components.kinds import PlanarPose
 from linked_fleet_agent.robots.parts import BatteryPart, Parts, ToolPart
-from linked_fleet_agent.robots.simulated_base import SimulatedBase, base_of
+from linked_fleet_agent.robots.simulated_base import RollingBase, SimulatedBase, base_of
 from linked_fleet_agent.robots.simulated_fingers import Fingers, gripper_of
 
 MANUAL_SCALE, LEAST_SCALE = 0.25, 0.1
@@ -66,15 +66,23 @@ class SimulatedDiagnostics(Diagnostics, blocking=False):
 
 
 class SimulatedBattery(Battery, blocking=False):
-    """A battery that the electronics and the motors drain. The simulated robot goes on when it is empty."""
+    """A battery that the electronics and the motors drain, and that a plugged charger or a station charges.
+
+    The simulated robot goes on when it is empty.
+    """
 
     name = "battery"
 
-    def __init__(self, part: BatteryPart, mechanical_w: Callable[[], float]) -> None:
-        self.link, self._part, self._mechanical_w = part.link, part, mechanical_w
+    def __init__(self, part: BatteryPart, mechanical_w: Callable[[], float], docked: Callable[[], bool]) -> None:
+        self.link, self._part, self._mechanical_w, self._docked = part.link, part, mechanical_w, docked
         self._full_j = part.capacity_wh * _SECONDS_PER_HOUR
         self.energy_j, self.charger = self._full_j, False
         self._since_s = 0.0
+
+    @property
+    def powered(self) -> bool:
+        """True while its charger is plugged in, or a station charges it."""
+        return self.charger or self._docked()
 
     def step(self, elapsed_s: float) -> None:
         """Take note that the simulation has advanced."""
@@ -84,7 +92,7 @@ class SimulatedBattery(Battery, blocking=False):
             self._since_s = 0.0
 
     def _count(self, elapsed_s: float) -> None:
-        gained_w = self._part.charger_w if self.charger else 0.0
+        gained_w = self._part.charger_w if self.powered else 0.0
         change_j = (gained_w - self._part.idle_w - _LOSSES * self._mechanical_w()) * elapsed_s
         self.energy_j = min(max(self.energy_j + change_j, 0.0), self._full_j)
 
@@ -94,7 +102,7 @@ class SimulatedBattery(Battery, blocking=False):
 
     @value
     def power_supply_state(self) -> PowerSupplyState:
-        if not self.charger:
+        if not self.powered:
             return "discharging"
         return "full" if self.energy_j == self._full_j else "charging"
 
@@ -224,7 +232,11 @@ def components_of(
     parts: Parts, fingers: Mapping[str, Fingers], base: SimulatedBase | None, mode: SimulatedMode, measured: Measured
 ) -> tuple[list[Component], list[Callable[[float], None]]]:
     """Return the components of a robot, and what must be called after each advance of the simulation, with its time."""
-    battery = None if parts.battery is None else SimulatedBattery(parts.battery, measured.mechanical_w)
+
+    def docked() -> bool:
+        return isinstance(base, RollingBase) and bool(base.contact())
+
+    battery = None if parts.battery is None else SimulatedBattery(parts.battery, measured.mechanical_w, docked)
     tool = None if parts.tool is None else Tool(parts.tool)
     simulation = _simulation(
         measured.time_s, mode, {"fingers": fingers, "base": base, "battery": battery, "tool": tool}

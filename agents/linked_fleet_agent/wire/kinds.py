@@ -134,6 +134,8 @@ _POSE = _object("x", "y", "heading", x=_X, y=_Y, heading=_HEADING)
 _LINEAR, _LATERAL = _number("linearVelocity", "M-PER-SEC"), _number("lateralVelocity", "M-PER-SEC")
 _ANGULAR = _number("angularVelocity", "RAD-PER-SEC")
 _PATH = Schema(type="array", semantic_type=LF + "path", items=_object("x", "y", x=_X, y=_Y, heading=_HEADING))
+_ERRORS = {"error": _number("positionError", "M", 0), "headingError": _number("headingError", "RAD", 0)}
+_STATION_NAME = _of("string", "stationName")
 _BASE = Kind(
     least=Component(
         name="base",
@@ -157,6 +159,19 @@ _BASE = Kind(
                 semantic_type=LF + "driveLimits",
             ),
             path=_PATH,
+            stations=Schema(
+                type="array",
+                semantic_type=LF + "stations",
+                items=_object(
+                    *("name", "x", "y", "heading"),
+                    name=_STATION_NAME,
+                    x=_X,
+                    y=_Y,
+                    heading=_HEADING,
+                    approach=_number("approachLength", "M", 0),
+                ),
+            ),
+            dockedAt=_of("string", "dockedAt"),
         ),
         actions={
             "drive": Action(
@@ -171,17 +186,19 @@ _BASE = Kind(
                     path=_PATH,
                     speed=_number("speedShare", "", 0, 1),
                 ),
-                result=_object(
-                    "error",
-                    "headingError",
-                    error=_number("positionError", "M", 0),
-                    headingError=_number("headingError", "RAD", 0),
-                ),
+                result=_object(*_ERRORS, **_ERRORS),
                 moves=(BASE,),
             ),
+            "dock": Action(
+                semantic_type=LF + "Dock",
+                input=_object(station=_STATION_NAME),
+                result=_object("station", *_ERRORS, station=_STATION_NAME, **_ERRORS),
+                moves=(BASE,),
+            ),
+            "undock": Action(semantic_type=LF + "Undock", moves=(BASE,)),
         },
     ),
-    optional=frozenset({"driveLimits", "followPath", "path"}),
+    optional=frozenset({"driveLimits", "followPath", "path", "stations", "dockedAt", "dock", "undock"}),
 )
 KINDS: Mapping[str, Kind] = {
     each.least.semantic_type: each for each in (_GRIPPER, _BATTERY, _SWITCH, _MODE, _DIAGNOSTICS, _BASE)

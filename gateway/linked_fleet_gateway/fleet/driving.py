@@ -83,12 +83,14 @@ class Drive(Struct, frozen=True):
 class FollowedPath(Struct, frozen=True):
     """A path in the odometry frame that a base follows. A pose without heading has NaN.
 
-    ``limits`` are those of the base, if it says how it brakes.
+    ``limits`` are those of the base, if it says how it brakes. One that ``docks`` stops at each pose, and drives to the
+    first one backwards if that lies behind it.
     """
 
     poses: tuple[Pose, ...]
     reverse: bool = False
     limits: DriveLimits | None = None
+    docks: bool = False
 
     @property
     def lateral(self) -> bool:
@@ -105,18 +107,20 @@ class FollowedPath(Struct, frozen=True):
         cut = _cut(points)
         headings = [*(Pose(x, y, math.nan) for x, y in cut[1:-1]), self.poses[-1]]
         around = tuple(relative(each, now) for each in self._along(now, cut, headings))
-        return (through,) if self.lateral or len(cut) == len(points) else (through, around)
+        return (through,) if self.lateral or self.docks or len(cut) == len(points) else (through, around)
 
     def _along(self, now: Pose, points: Sequence[Point], poses: Sequence[Pose]) -> Iterator[Pose]:
         heading = now.heading
+        reverse = self.reverse or (self.docks and now.ahead_m(poses[0]) < 0.0)
         for (x, y), target in zip(points, poses, strict=False):
             if not self.lateral and math.hypot(target.x - x, target.y - y) > _NO_WAY_M:
-                ahead = math.atan2(target.y - y, target.x - x) + (math.pi if self.reverse else 0.0)
+                ahead = math.atan2(target.y - y, target.x - x) + (math.pi if reverse else 0.0)
                 heading += math.remainder(ahead - heading, math.tau)
                 yield Pose(x, y, heading)
             elif self.lateral and math.isfinite(target.heading):
                 heading += math.remainder(target.heading - heading, math.tau)
             yield Pose(target.x, target.y, heading)
+            reverse = self.reverse
         last = poses[-1]
         if math.isfinite(last.heading):
             yield Pose(last.x, last.y, heading + math.remainder(last.heading - heading, math.tau))

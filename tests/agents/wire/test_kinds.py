@@ -44,8 +44,14 @@ def test_the_least_component_of_a_kind_conforms_and_can_be_declared(kind: str) -
 
 
 def test_a_base_may_lack_what_only_some_can_do() -> None:
-    for path in (("actions", "followPath"), ("properties", "driveLimits"), ("properties", "path")):
-        assert kind_problem(changed("Base", path, ABSENT)) == ""
+    properties = ("driveLimits", "path", "stations", "dockedAt")
+    optional = {"actions": ("followPath", "dock", "undock"), "properties": properties}
+    for kind, names in optional.items():
+        for name in names:
+            assert kind_problem(changed("Base", (kind, name), ABSENT)) == ""
+    approach = (*schema("stations"), "items", "properties", "approach")
+    assert kind_problem(changed("Base", approach, ABSENT)) == "", "its way into a station may be one of its own"
+    assert "'station'; this one's has none" in kind_problem(changed("Base", ("actions", "dock", "input"), ABSENT))
     other = changed("Base", ("actions", "followPath", "moves"), ["wheel"])
     assert "an action 'followPath' that moves base" in kind_problem(other)
 

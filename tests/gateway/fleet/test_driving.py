@@ -3,10 +3,11 @@
 import math
 
 import pytest
+from msgspec.structs import replace
 
 from linked_fleet_agent.planar import DriveLimits, Pose, Velocity
 from linked_fleet_agent.smooth_path import TOLERANCE_M
-from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath
+from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath, relative
 
 LIMITS = DriveLimits(linear=1.0, angular=1.5, linear_acceleration=1.0, angular_acceleration=2.0)
 SIDEWAYS = DriveLimits(linear=1.0, angular=1.5, linear_acceleration=1.0, angular_acceleration=2.0, lateral=0.5)
@@ -57,3 +58,26 @@ def test_a_corner_is_also_cut() -> None:
     assert (1.0, 0.0) in [(round(x, 6), round(y, 6)) for x, y, _ in through]
     near = min(math.dist((x, y), (1, 0)) for x, y, _ in around)
     assert near == pytest.approx(TOLERANCE_M * math.sqrt(2), abs=1e-6), "the chord is 5 cm from the corner"
+
+
+INTO = FollowedPath((Pose(1.6, 0, 0), Pose(2, 0, 0)), docks=True)
+
+
+@pytest.mark.parametrize(
+    ("now", "said"),
+    [
+        (Pose(), [(0, 0, 0), (1.6, 0, 0), (1.6, 0, 0), (2, 0, 0), (2, 0, 0)]),
+        (Pose(1.6, -1, math.pi / 2), [(0, 0, 0), (1, 0, 0), (1, 0, -math.pi / 2)]),
+        (Pose(1.9, 0, 0), [(0, 0, 0), (-0.3, 0, 0), (-0.3, 0, 0), (0.1, 0, 0), (0.1, 0, 0)]),
+    ],
+    ids=["from before", "from aside", "backwards from between"],
+)
+def test_the_way_into_a_station_stops_in_front_of_it(now: Pose, said: list[tuple[float, float, float]]) -> None:
+    (way,) = INTO.ways(now)
+    assert [tuple(each) for each in way[: len(said)]] == [pytest.approx(each, abs=1e-9) for each in said]
+    assert way[-1] == pytest.approx(relative(Pose(2, 0, 0), now), abs=1e-9)
+
+
+def test_a_base_that_drives_sideways_does_not_drive_backwards_into_a_station() -> None:
+    (way,) = replace(INTO, limits=SIDEWAYS).ways(Pose(1.9, 0, 0.5))
+    assert way[0].heading == pytest.approx(-0.5)

@@ -8,10 +8,10 @@ from msgspec.structs import replace
 
 from linked_fleet_agent.planar import Velocity
 from linked_fleet_gateway.api import ActionRequest, Motion
-from linked_fleet_gateway.extensions.components.bases import drive_limits, followed_path, is_base
+from linked_fleet_gateway.extensions.components.bases import drive_limits, is_base, way_of
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer, InputBody
 from linked_fleet_gateway.extensions.components.part import ComponentPart
-from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
+from linked_fleet_gateway.fleet.driving import Drive
 from linked_fleet_gateway.serving import Act
 
 
@@ -25,16 +25,9 @@ def plan(offer: ComponentOffer, request: ActionRequest) -> Motion:
         offer.of_property,
         () if declared is None else declared.moves,
         drive=drive_of(offer.part, offer.of_action, value),
-        path=_path_of(offer.part, offer.of_action, value),
+        path=way_of(offer.part.state, offer.of_action, value),
     )
     return Motion(request.required_robot(), act, {}, request.required_time())
-
-
-def _path_of(part: ComponentPart, action: str, given: Mapping[str, Any]) -> FollowedPath | None:
-    """Return the path that a base follows; None for another action."""
-    if action != "followPath" or not is_base(part.declared):
-        return None
-    return followed_path(part.state, given["path"], bool(given.get("reverse")))
 
 
 def stream(offer: ComponentOffer, request: ActionRequest) -> Motion:

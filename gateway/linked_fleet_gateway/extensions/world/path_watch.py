@@ -1,7 +1,8 @@
 """Watches robots that follow paths: what comes into the way of one ends its drive, and the base brakes.
 
-The whole path was checked before it began. It is checked again when an object, a zone or the map has changed, and the
-part that the base drives before it could stand, while another robot is near that.
+The whole path was checked before it began. It is checked again when an object, a zone or the map has changed, or when
+the robot tells of another end, as it does while it docks; and the part that the base drives before it could stand,
+while another robot is near that.
 """
 
 import asyncio
@@ -32,7 +33,7 @@ AHEAD = "something has come into its way: "
 LOOK_S = 0.2
 _REACTION_S = 0.5
 """From a measurement until the base brakes: a look, the check, and the way of the request to stop."""
-_BEFORE_M = 0.1
+_BEFORE_M, _SAME_M = 0.1, 0.001
 _BRAKING_SHARE = 0.7
 _CAREFUL_M_S2 = 0.3
 """Assumed of a base that does not say how it brakes."""
@@ -65,10 +66,15 @@ def beginning(path: FollowedPath, here: Pose, length_m: float) -> FollowedPath:
 
 @dataclass
 class _Watched:
-    """What was known when the whole path of an invocation was found free."""
+    """What was known when the whole path of an invocation, to its ``end``, was found free."""
 
     invocation: str
     surroundings: object
+    end: Pose
+
+    def covers(self, path: FollowedPath, surroundings: object) -> bool:
+        """Return True if the whole path is known to be free."""
+        return self.surroundings == surroundings and self.end.error_of(path.poses[-1])[0] < _SAME_M
 
 
 class PathWatch:
@@ -96,9 +102,9 @@ class PathWatch:
         """Check the paths of all robots that follow one, as far as needed."""
         for robot in list(self._robots.values()):
             path, run = self._checks.path_of(robot), self._drive_of(robot)
-            if path is None or run is None:
+            if run is None:
                 self._watched.pop(robot.name, None)
-            else:
+            elif path is not None:
                 await self._look_at(robot, path, run)
 
     def _drive_of(self, robot: Robot) -> Invocation | None:
@@ -108,14 +114,14 @@ class PathWatch:
         now, here = self._checks.surroundings, odometry_of(robot)
         held = self._watched.get(robot.name)
         if held is None or held.invocation != run.id:
-            held = self._watched[robot.name] = _Watched(run.id, now)
+            held = self._watched[robot.name] = _Watched(run.id, now, path.poses[-1])
         if here is None:
             return
-        far_m, whole = stopping_m(velocity_of(robot), path), held.surroundings != now
+        far_m, whole = stopping_m(velocity_of(robot), path), not held.covers(path, now)
         try:
             if whole or self._checks.is_somebody_near(robot, far_m):
                 await self._checks.check_ahead(robot, path if whole else beginning(path, here, far_m), run.id)
-                held.surroundings = now
+                held.surroundings, held.end = now, path.poses[-1] if whole else held.end
         except Collides as error:
             await self._end(run, AHEAD + error.reason)
         except Unchecked as error:
