@@ -25,6 +25,8 @@ _SETTLE_S = 0.1
 _CORRECTION_S, _CORRECTION_M = 0.25, 0.05
 """After so long, but not before so much of the way, most of an error is corrected."""
 _CORRECTION_1_S = 2.0
+_LONGEST_PAUSE_S = 1.0
+"""A base goes on while its agent is held up; for longer than this it has braked."""
 _LEAD_S, _FIRST_STEP_S, _LONGEST_STEP_S, _FASTER = 0.015, 0.01, 0.05, 2.0
 _HEADING_M_RAD = 0.4
 """An error of the heading counts like so many metres beside the way when poses are left out."""
@@ -108,9 +110,9 @@ class Stretch:
 
     def wanted(self, pose: Pose, now_s: float, share: float) -> Velocity:
         """Return the velocity, which is zero where the way ends. Raises PathError far off the way."""
-        elapsed_s = min(max(now_s - self._before_s, 0.0), _LONGEST_STEP_S) if self._before_s else _FIRST_STEP_S
-        self._before_s = now_s
-        self._advance(pose, _FASTER * self.speed * elapsed_s + _THERE_M)
+        passed_s = max(now_s - self._before_s, 0.0) if self._before_s else _FIRST_STEP_S
+        self._before_s, elapsed_s = now_s, min(passed_s, _LONGEST_STEP_S)
+        self._advance(pose, _FASTER * self.speed * min(passed_s, _LONGEST_PAUSE_S) + _THERE_M)
         if self.length - self.way <= _THERE_M:
             return STANDING
         if share != self._share:

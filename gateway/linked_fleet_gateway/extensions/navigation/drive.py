@@ -89,6 +89,8 @@ def ended(run: Invocation) -> Ended:
     if run.reason.startswith(AHEAD):
         return Ended(blocked=run.reason)
     why = run.reason or f"it {run.state}"
+    if run.state is InvocationState.FAILED and run.started_ns is not None:
+        return Ended(lost=f"the base has not followed its way: {why}")
     if run.preempted_by:
         why = "another motion has taken over the base"
     return Ended(failed=f"the base has not followed its way: {why}")

@@ -16,14 +16,16 @@ from linked_fleet_gateway.api import (
     Operation,
     Robot,
     UnprocessableContent,
+    robot_path,
     thing_at,
 )
 from linked_fleet_gateway.base.errors import Members
 from linked_fleet_gateway.extensions.navigation import floor
 from linked_fleet_gateway.extensions.navigation.drive import DrivenBase, offer_of
-from linked_fleet_gateway.extensions.navigation.messages import Goal, Near, Strip, ToPose, Way
+from linked_fleet_gateway.extensions.navigation.messages import EDGE, MAP, Goal, Near, Strip, ToPose, Way
 from linked_fleet_gateway.extensions.navigation.traffic import DriveError, NoWayError, Traffic, Trip, UnplannedError
 from linked_fleet_gateway.extensions.world.driving import heading_of
+from linked_fleet_gateway.extensions.world.map_resources import MAP as MAP_PATH
 from linked_fleet_gateway.extensions.world.placement import LF as WORLD_TERMS
 from linked_fleet_gateway.extensions.world.placement import WORLD, number_of
 from linked_fleet_gateway.extensions.world.service import World
@@ -40,13 +42,13 @@ _USED = 0.7
 
 
 class Unreachable(Conflict):
-    """No way leads to the goal; ``blockers`` are the paths of what is around the base or the goal."""
+    """No way leads to the goal; ``blockers`` are the IRIs of what is around the base or the goal."""
 
     code, title = "unreachable", "No way leads to the goal"
 
-    def __init__(self, detail: str, blockers: tuple[str, ...]) -> None:
+    def __init__(self, detail: str, blockers: list[str]) -> None:
         super().__init__(detail)
-        self.blockers = list(blockers)
+        self.blockers = blockers
 
     @property
     def members(self) -> Members:
@@ -123,11 +125,11 @@ class DriveTo:
 
         async def rehearse(caller: Caller) -> float:
             trip = self._trip(robot, wanted, request.base, caller)
-            return _takes_s(robot, await self._first_way(trip), wanted.speed)
+            return _takes_s(robot, await self._first_way(trip, request.base), wanted.speed)
 
         async def run(call: Call) -> None:
             call.accept()
-            await self._end_earlier(request.thing, call)
+            await self._end_earlier(robot, call)
             trip = self._trip(robot, wanted, request.base, call.caller)
             _report(trip, call, robot)
             await self._drive(trip)
@@ -164,16 +166,17 @@ class DriveTo:
         found = thing_at(path, self._core.robots)
         return path if found is None else found[0].name
 
-    async def _first_way(self, trip: Trip) -> Way | None:
+    async def _first_way(self, trip: Trip, base: str) -> Way | None:
         try:
             return await self._traffic.first_way(trip)
         except NoWayError as error:
-            raise Unreachable(_sentence(error), error.by) from error
+            blockers = [base + _path_of(name) for name in error.by if name not in ("", EDGE)]
+            raise Unreachable(_sentence(error), blockers) from error
         except UnplannedError as error:
             raise Busy(_sentence(error)) from error
 
-    async def _end_earlier(self, thing: str, call: Call) -> None:
-        for one in self._core.running(f"{thing}/actions/driveTo"):
+    async def _end_earlier(self, robot: Robot, call: Call) -> None:
+        for one in self._core.running(action_of(robot.name)):
             if one.id != call.id:
                 await self._core.cancel(one.id, NEWER)
 
@@ -182,6 +185,18 @@ class DriveTo:
             await self._traffic.run(trip)
         except DriveError as error:
             raise DriveFailed(_sentence(error)) from error
+
+
+def action_of(robot: str) -> str:
+    """Return the path of the action of a robot."""
+    return f"{robot_path(robot)}actions/driveTo"
+
+
+def _path_of(name: str) -> str:
+    """Return the path of an obstacle."""
+    if name == MAP:
+        return MAP_PATH
+    return name if name.startswith("/") else robot_path(name)
 
 
 def _sentence(error: DriveError) -> str:
@@ -226,7 +241,8 @@ def _set_result(call: Call, robot: Robot, trip: Trip) -> None:
         return
     at, graph = floor.standing(robot), Graph()
     root = graph.blank(LF.Arrival)
-    graph.scalar(root, LF.positionError, math.dist(at[:2], trip.goal.at), METRE)
+    graph.scalar(root, LF.positionError, round(math.dist(at[:2], trip.goal.at), 4), METRE)
     if trip.goal.heading is not None:
-        graph.scalar(root, LF.headingError, abs(math.remainder(at.heading - trip.goal.heading, math.tau)), RADIAN)
+        turn = abs(math.remainder(at.heading - trip.goal.heading, math.tau))
+        graph.scalar(root, LF.headingError, round(turn, 4), RADIAN)
     call.set_output(graph.triples, root)

@@ -7,12 +7,11 @@ from pathlib import Path
 import msgspec
 
 from linked_fleet_gateway.api import Core, Extension, Mount
-from linked_fleet_gateway.extensions.navigation.drive_to import LF, DriveTo
-from linked_fleet_gateway.extensions.navigation.messages import MAP, Answer, PlanFailed, PlanWay
+from linked_fleet_gateway.extensions.navigation.drive_to import LF, DriveTo, action_of
+from linked_fleet_gateway.extensions.navigation.messages import EDGE, MAP, Answer, PlanFailed, PlanWay
 from linked_fleet_gateway.extensions.navigation.traffic import Traffic
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.faces import robot_path
 from linked_fleet_gateway.serving import NoReply, QuestionProcess
 
 PLAN_S = 5.0
@@ -39,11 +38,13 @@ class NavigationExtension(Extension):
                 return PlanFailed("the planner gave no answer in time")
 
         def is_driven(name: str) -> bool:
-            return bool(name) and bool(core.running(f"{robot_path(name)}actions/driveTo"))
+            return bool(name) and bool(core.running(action_of(name)))
 
         def title(name: str) -> str:
             if name == MAP:
                 return "the map of the floor" if world.floor is None else world.floor.title
+            if name == EDGE:
+                return "the edge of the corridor"
             if name.startswith(OBJECTS + "/"):
                 thing = world.objects.known.get(name.removeprefix(OBJECTS + "/"))
                 return "an object that is gone" if thing is None else thing.title

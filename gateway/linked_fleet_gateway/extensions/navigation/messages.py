@@ -9,14 +9,15 @@ from linked_fleet_agent.planar import Pose
 Point = tuple[float, float]
 Polygon = tuple[Point, ...]
 """Corners of a convex polygon, counterclockwise."""
-MAP = "map"
+MAP, EDGE = "//map", "//corridor"
+"""Names of the map of the floor, and of the edge of a corridor, beside those of robots and the paths of objects."""
 
 
 class Obstacle(Struct, frozen=True):
     """Something on the floor, seen from above: one convex polygon, or several.
 
-    ``name`` is that of a robot, the path of an object, or ``MAP``. A robot that moves is an obstacle on its way too,
-    which ``passes``.
+    ``name`` is that of a robot, the path of an object, ``MAP`` or ``EDGE``. A robot that moves is an obstacle on its
+    way too, which ``passes``.
     """
 
     name: str

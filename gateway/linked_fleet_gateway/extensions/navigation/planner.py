@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
+from msgspec import structs
 
 from linked_fleet_agent.planar import Pose
 from linked_fleet_gateway.extensions.navigation.floor_grid import (
@@ -23,6 +24,7 @@ from linked_fleet_gateway.extensions.navigation.floor_grid import (
 )
 from linked_fleet_gateway.extensions.navigation.footprint import Footprint
 from linked_fleet_gateway.extensions.navigation.messages import (
+    EDGE,
     MAP,
     Answer,
     AsideOf,
@@ -41,6 +43,8 @@ Costs = npt.NDArray[np.uint8]
 MARGIN_M = 0.08
 """Room between the base and everything else: corners are cut by 5 cm, the check of motions keeps 1 cm."""
 MOST_M = 200.0
+AHEAD_M = 2.0
+"""How far a base drives on that cannot turn where it stands."""
 AROUND_M = (3.0, 15.0)
 """How far around start and goal a way is sought, first and if there is none."""
 MOST_POSES = 64
@@ -48,11 +52,34 @@ _BESIDE_M = 0.3
 _MOST_POCKET, _MOST_NAMES, _MOST_S = 4_000, 5, 1.0
 _TIGHT_COST = 4
 _SHUT_M = 0.12
-_OUTSIDE = "the corridor"
 
 
 def plan(asked: PlanWay) -> Answer:
-    """Return the way, or why there is none."""
+    """Return the way, or why there is none. A base that cannot turn where it stands drives on straight first."""
+    found = _plan(asked)
+    if not isinstance(found, Blocked) or found.place != "start":
+        return found
+    for ahead in _ahead(asked):
+        later = _plan(structs.replace(asked, start=ahead))
+        if isinstance(later, Way):
+            return Way((ahead, *later.poses), later.length_m + math.dist(ahead[:2], asked.start[:2]))
+    return found
+
+
+def _ahead(asked: PlanWay) -> Iterator[Pose]:
+    """Yield poses straight ahead, as far as the base fits."""
+    around = Footprint(asked.outline)
+    for each in asked.obstacles:
+        around.add(each.polygons)
+    at, step = asked.start, AHEAD_M / 5
+    for _ in range(5):
+        there = Pose(at.x + step * math.cos(at.heading), at.y + step * math.sin(at.heading), at.heading)
+        if not all(around.fits(pose, 0.01) for pose in _between(at, there)):
+            return
+        yield (at := there)
+
+
+def _plan(asked: PlanWay) -> Answer:
     answer: Answer = TooFar(MOST_M)
     for around_m in AROUND_M:
         try:
@@ -99,7 +126,7 @@ class _Plan:
             self._names.append(MAP)
             self._print.add(self._grid.add_cells(cells, len(self._names) - 1))
         if corridor := self._asked.corridor:
-            self._names.append(_OUTSIDE)
+            self._names.append(EDGE)
             inside = [
                 self._apart([(each.start, each.end)]) <= each.width_m / 2 - self._print.radius for each in corridor
             ]
@@ -215,7 +242,8 @@ class _Plan:
             if math.dist(start, end) > 1e-6:
                 poses.append(Pose(*end, math.atan2(end[1] - start[1], end[0] - start[0])))
         last = poses[-1] if poses else self._asked.start
-        poses = [*poses[:-1], last._replace(heading=self._last_heading(last))]
+        if poses or not isinstance(self._asked.goal, AsideOf):
+            poses = [*poses[:-1], last._replace(heading=self._last_heading(last))]
         length_m = sum(math.dist(*leg) for leg in pairwise(corners))
         return Way(tuple(poses), length_m) if len(poses) <= MOST_POSES else None
 

@@ -34,6 +34,7 @@ from linked_fleet_gateway.extensions.navigation.swept import meets, swept
 PATIENCE_S, LONGEST_WAIT_S = 30.0, 600.0
 """How long a drive waits for what stands in its way, and for robots that will leave."""
 LOOK_S = 0.5
+_MOST_LOST = 3
 
 
 class Around(Struct, frozen=True):
@@ -52,11 +53,13 @@ class Around(Struct, frozen=True):
 class Ended(Struct, frozen=True):
     """How a drive along a way has ended.
 
-    One that was ``blocked`` stands before something that has come into its way, one that was ``refused`` has not begun.
+    One that was ``blocked`` stands before something that has come into its way, one that was ``refused`` has not begun,
+    and one that is ``lost`` is not on its way any more.
     """
 
     arrived: bool = False
     blocked: str = ""
+    lost: str = ""
     refused: str = ""
     failed: str = ""
 
@@ -179,7 +182,7 @@ class Traffic:
             self._tell()
 
     async def _run(self, trip: Trip) -> None:
-        clock = asyncio.get_running_loop()
+        clock, times_lost = asyncio.get_running_loop(), 0
         begun_s = clock.time()
         while True:
             await self._give_way(trip)
@@ -189,10 +192,11 @@ class Traffic:
             ended = await self._drive(trip, *found)
             if ended.arrived:
                 return
-            begun_s = begun_s if ended.refused else clock.time()
-            if ended.failed or clock.time() - begun_s > PATIENCE_S:
-                raise DriveError(ended.failed or ended.refused)
-            trip.report(ended.blocked or ended.refused)
+            begun_s, times_lost = begun_s if ended.refused else clock.time(), times_lost + bool(ended.lost)
+            why = ended.failed or ended.lost or ended.refused
+            if ended.failed or times_lost > _MOST_LOST or clock.time() - begun_s > PATIENCE_S:
+                raise DriveError(why)
+            trip.report(ended.blocked or why)
             await self._wait()
 
     async def _drive(self, trip: Trip, around: Around, way: Way) -> Ended:
