@@ -9,7 +9,7 @@ import pytest
 from rdflib import RDF
 
 from browser import HYBRIT, LF, VOM, Browser, Page
-from commanding import ended, problem
+from commanding import control, ended, problem, put
 from running import eventually
 from scene_client import contents, crate, placement, put_object, put_robot
 from simulated_robots import SimulatedRobot, simulated
@@ -197,6 +197,19 @@ def test_it_can_be_ended(tiago: Driver, by: str) -> None:
     assert tiago.at[0] < 2.5
 
 
+def test_it_ends_when_somebody_takes_control(tiago: Driver) -> None:
+    run = tiago.begin(4.0, 0.0)
+    eventually(lambda: tiago.at[0] > 0.3, "a robot on its way")
+    lease = str(tiago.browser.robot("tiago").one(LF.lease))
+    taken = put(tiago.browser, lease, control("Ann", 60))
+    ended(tiago.browser, run)
+    assert tiago.state(run)["reason"] == "Ann has taken control of tiago."
+    assert problem(tiago.ask(0.0, 0.0)) == (409, "controlled")
+    assert tiago.at[0] < 3.0
+    token = {"lock-token": taken.headers["lock-token"]}
+    assert tiago.browser.http.delete(lease, headers=token).status_code == 204
+
+
 def test_a_robot_without_a_placement_cannot_be_sent_anywhere(tiago: Driver) -> None:
     assert tiago.browser.http.delete(placement(tiago.browser, "tiago")).status_code == 204
     answer = tiago.ask(1.0, 0.0)
@@ -211,4 +224,5 @@ def test_robots_that_follow_no_paths_do_not_offer_it(tiago: Driver) -> None:
 def test_what_is_no_thing_of_the_world_is_refused(tiago: Driver) -> None:
     assert problem(tiago.send({"near": "http://elsewhere.example/x"}))[0] == 422
     assert problem(tiago.send({"near": f"{tiago.browser.root}nobody/"}))[0] == 422
+    assert problem(tiago.send({"near": f"{tiago.browser.root}tiago/"}))[0] == 422
     assert problem(tiago.send({"near": f"{tiago.browser.root}tiago/", "position": point(1, 1)}))[0] == 422

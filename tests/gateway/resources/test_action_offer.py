@@ -96,7 +96,12 @@ def test_a_robot_without_a_usable_description_offers_nothing(bench: Any) -> None
 
 def test_each_kind_of_action_has_a_file_and_a_handler() -> None:
     """Neither without the other; no two of one thing have the same segment."""
-    assert {each.iri for each in action_definitions()} == {*HANDLERS, LF.Reach, WORLD_LF.Relocalise, NAVIGATION_LF.DriveTo}
+    assert {each.iri for each in action_definitions()} == {
+        *HANDLERS,
+        LF.Reach,
+        WORLD_LF.Relocalise,
+        NAVIGATION_LF.DriveTo,
+    }
     for one in action_definitions():
         assert not any(
             one is not other and one.segment == other.segment and one.offered_by & other.offered_by

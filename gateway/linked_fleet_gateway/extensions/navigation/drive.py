@@ -31,7 +31,7 @@ class DrivenBase:
 
     def __init__(self, core: Core, world: World, robot: Robot, base: str, caller: Caller, speed: float) -> None:
         self._core, self._world, self._robot, self._base, self._caller = core, world, robot, base, caller
-        self._speed = speed
+        self._speed, self._lease = speed, _lease_id(robot)
         self.tell: Callable[[planar.Pose], None] = lambda pose: None
         """Called with where it is while it drives."""
 
@@ -62,12 +62,22 @@ class DrivenBase:
             return Ended(refused=error.detail)
         try:
             while not await self._core.wait_until(run, lambda one: one.state.terminal, _REPORT_S):
+                if (why := self._lost_control()) and not run.state.terminal:
+                    await self._core.cancel(run.id, why)
+                    return Ended(failed=why)
                 self.tell(floor.standing(self._robot))
                 await asyncio.sleep(0)  # it waits no more once the gateway ends, which cancels this
         except asyncio.CancelledError:
             await self._core.cancel(run.id, "the drive to its goal has ended")
             raise
         return ended(run)
+
+    def _lost_control(self) -> str:
+        """Return why the caller may not drive it any more, or an empty string."""
+        lease = self._robot.lease
+        if lease is not None and lease.id != self._lease:
+            return f"{lease.holder} has taken control of {self.name}"
+        return f"the control lease of {self.name} has ended" if self._lease and lease is None else ""
 
     async def _begin(self, way: Way) -> Invocation:
         offer = offer_of(self._robot)
@@ -80,6 +90,10 @@ class DrivenBase:
         ]
         given = {"path": path, "speed": self._speed}
         return await self._core.invoke_json(offer, self._base, self._caller, given, robot_time(self._robot))
+
+
+def _lease_id(robot: Robot) -> str:
+    return "" if robot.lease is None else robot.lease.id
 
 
 def ended(run: Invocation) -> Ended:

@@ -122,6 +122,8 @@ class DriveTo:
     def plan(self, request: ActionRequest) -> Operation:
         robot, wanted = request.required_robot(), wanted_by(request)
         offer_of(robot)
+        if wanted.thing and self._obstacle_of(wanted.thing) == robot.name:
+            raise UnprocessableContent(f"{robot.name} is always near itself; name another thing, or a position.")
 
         async def rehearse(caller: Caller) -> float:
             trip = self._trip(robot, wanted, request.base, caller)

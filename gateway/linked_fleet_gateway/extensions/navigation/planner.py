@@ -49,7 +49,7 @@ AROUND_M = (3.0, 15.0)
 """How far around start and goal a way is sought, first and if there is none."""
 MOST_POSES = 64
 _BESIDE_M = 0.3
-_MOST_POCKET, _MOST_NAMES, _MOST_S = 4_000, 5, 1.0
+_MOST_POCKET, _MOST_NAMES, _MOST_S = 1_000, 5, 1.0
 _TIGHT_COST = 4
 _SHUT_M = 0.12
 
