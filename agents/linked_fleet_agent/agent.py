@@ -11,11 +11,12 @@ from functools import partial
 from typing import Protocol, TypeVar
 
 from linked_fleet_agent import safety
+from linked_fleet_agent.axis import Measurements
 from linked_fleet_agent.components.host import Host, declarations_of, encoded
 from linked_fleet_agent.components.operating import Operating
 from linked_fleet_agent.demonstration import Demonstration
 from linked_fleet_agent.mesh_files import MeshFiles
-from linked_fleet_agent.motion import Measurements, Motions, Outcome, Sway
+from linked_fleet_agent.motion import Motions, Outcome, Sway
 from linked_fleet_agent.pace import elapsed_ns, every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Conditions, Frames, Report, describe
