@@ -11,6 +11,7 @@ from typing import Literal
 from msgspec.structs import replace
 
 from linked_fleet_agent.axis import SETTLE_S, STANDSTILL_S, Axis, Measurements
+from linked_fleet_agent.jog import Jog
 from linked_fleet_agent.plan import Plan, Start, joints_of
 from linked_fleet_agent.robot import JointFacts
 from linked_fleet_agent.setpoints import Setpoints
@@ -95,6 +96,7 @@ class Motions:
     def __post_init__(self) -> None:
         self._swaying = {sway.joint: _Swaying(sway) for sway in self.sways}
         self.setpoints = Setpoints(self.joints.values())
+        self.jog = Jog(self.joints)
 
     @property
     def driven(self) -> set[str]:
@@ -106,7 +108,7 @@ class Motions:
     @property
     def idle(self) -> bool:
         """True if a step would do nothing: no motion, no demonstration, and all joints at rest."""
-        if self._running or self._swaying:
+        if self._running or self._swaying or self.jog.wanted:
             return False
         for axis in self._axes.values():  # noqa: SIM110 - asked in every tick, and a generator costs more than the rest
             if not axis.at_rest:
@@ -180,6 +182,11 @@ class Motions:
         self._brake(name for name in joints if name in self._axes)
         return outcomes
 
+    def begin_jog(self, joints: Collection[str]) -> None:
+        """Let setpoints move these joints again, which something else has been about to move."""
+        self.setpoints.keep(joints)
+        self.jog.begin()
+
     def stands(self, joints: Collection[str]) -> bool:
         """Return True if no setpoint of ``joints`` moves."""
         return all(self._axes[name].at_rest for name in joints if name in self._axes)
@@ -241,6 +248,8 @@ class Motions:
         dt_s = min(max(dt_s, 0.0), MAX_STEP_S)
         if not held:
             self._sway(measured.positions)
+        if self.jog.wanted and not held and dt_s > 0.0:
+            self.jog.step(self._axis, measured, dt_s)
         paces = {name: pace for motion in self._running for name, pace in self._pace(motion, measured, dt_s).items()}
         stopped = {name for motion in self._running if motion.stopping for name in motion.joints}
         setpoints = {
@@ -268,6 +277,7 @@ class Motions:
         moving = self.driven
         outcomes = self._end([motion for motion in self._running if not motion.stopping], "failed", reason)
         self._swaying.clear()
+        self.jog.release()
         for axis in (self._axes[name] for name in moving):
             axis.follow(hold(axis.position))
         return outcomes
@@ -277,6 +287,7 @@ class Motions:
         outcomes = [motion.outcome("failed", reason) for motion in self._running]
         self._running.clear()
         self._axes.clear()
+        self.jog.release()
         return outcomes
 
     def adopt_setpoints(self, applied: Mapping[str, float]) -> None:
@@ -306,7 +317,8 @@ class Motions:
         return [motion.outcome("running")]
 
     def _brake(self, joints: Iterable[str]) -> float:
-        duration_s = 0.0
+        duration_s, joints = 0.0, tuple(joints)
+        self.jog.release(joints)
         for axis in (self._axes[name] for name in joints if not self._axes[name].at_rest):
             axis.follow(axis.braking)
             duration_s = max(duration_s, axis.trajectory.duration_s)
