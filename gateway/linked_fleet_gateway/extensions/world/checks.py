@@ -19,7 +19,6 @@ from typing import Self
 
 from msgspec.structs import replace
 
-from linked_fleet_agent.planar import STANDING
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy
@@ -28,6 +27,7 @@ from linked_fleet_gateway.extensions.world.collisions import Collides, Collision
 from linked_fleet_gateway.extensions.world.driving import Driving, odometry_of, valid_until_ns, velocity_of
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
+from linked_fleet_gateway.extensions.world.jogging import Jogs
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     Check,
@@ -55,6 +55,7 @@ from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.faces import View, unchecked_links
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
+from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
@@ -147,7 +148,7 @@ class Checks:
         self._collisions = collisions or Collisions(live.fan_out.mark_changed)
         self._refusals = Refusals(live.fleet.robots, objects, maps)
         self._waiting = self._early = 0
-        self._driving = Driving()
+        self._driving, self._jogs = Driving(), Jogs()
 
     async def __aenter__(self) -> Self:
         self._preparation.open()
@@ -218,8 +219,10 @@ class Checks:
         question = self._question(motion, robots, sees, own)
         return self._finding(motion.robot, await self._checker.ask(question, _ANSWER_S))
 
-    async def _check_drive(self, robot: Robot, drive: Drive, robots: list[Robot], sees: View, own: str) -> Finding:
-        if drive.velocity == STANDING:
+    async def _check_drive(
+        self, robot: Robot, drive: Drive | JointDrive, robots: list[Robot], sees: View, own: str
+    ) -> Finding:
+        if drive.standing:
             return Finding(True)  # to brake is always free
         limited, share = "", 1.0
         for attempt in range(_MOST_SPEEDS):
@@ -235,8 +238,14 @@ class Checks:
             limited = self._collision(robot, answer).reason
         found = self._finding(robot, answer)
         if own:
-            self._driving.begin(robot, slower)
+            self._begin(robot, slower)
         return replace(found, speed_share=share, limited=limited, until_ns=until_ns)
+
+    def _begin(self, robot: Robot, drive: Drive | JointDrive) -> None:
+        if isinstance(drive, JointDrive):
+            self._jogs.begin(robot, drive)
+        else:
+            self._driving.begin(robot, drive)
 
     def _collision(self, robot: Robot, answer: CollisionFound) -> Collides:
         assert robot.model is not None  # of a prepared robot
@@ -325,10 +334,21 @@ class Checks:
         ways = [paths_along(legs_of(way), start, elsewhere) for way in path.ways(here)]
         return self._checking(robot, tuple(each for paths in ways for each in paths), robots, sees)
 
-    def _driven(self, robot: Robot, drive: Drive, robots: list[Robot], sees: View, own: str) -> Check:
+    def _driven(self, robot: Robot, drive: Drive | JointDrive, robots: list[Robot], sees: View, own: str) -> Check:
+        if isinstance(drive, JointDrive):
+            return self._jogged(robot, drive, robots, sees, own)
         now, before = velocity_of(robot), self._driving.wanted(robot)
         driven = DrivenWay(drive, now, before, _positions(robot), self._underway(robot, own))
         return replace(self._checking(robot, (), robots, sees), driven=driven)
+
+    def _jogged(self, robot: Robot, drive: JointDrive, robots: list[Robot], sees: View, own: str) -> Check:
+        start, elsewhere = _positions(robot), self._underway(robot, own)
+        if missing := [name for name, each in drive.velocities.items() if each and name not in start]:
+            raise Unchecked(
+                f"It is unknown if {robot.name} would collide, because the place of {missing[0]} is unknown."
+            )
+        ways = [paths_along(legs, start, elsewhere) for legs in self._jogs.legs(robot, drive)]
+        return self._checking(robot, tuple(each for paths in ways for each in paths), robots, sees)
 
     def _checking(self, robot: Robot, paths: tuple[MotionPath, ...], robots: list[Robot], sees: View) -> Check:
         return Check(
@@ -352,7 +372,7 @@ class Checks:
         for invocation in reversed(self._live.invocations.open_of_robot(robot.name)):
             if invocation.id != own:
                 ends |= invocation.targets
-        return ends | self._driving.ends(robot)
+        return ends | self._driving.ends(robot) | self._jogs.ends(robot)
 
 
 def _way_is_unknown(motion: Motion) -> bool:
