@@ -5,17 +5,21 @@ import logging
 import math
 import secrets
 import time
-from collections.abc import Callable, Iterable, Set
+from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from typing import Protocol, TypeVar
 
 from linked_fleet_agent import safety
+from linked_fleet_agent.axis import Measurements
+from linked_fleet_agent.components.component import Component
+from linked_fleet_agent.components.declaration import Declared
 from linked_fleet_agent.components.host import Host, declarations_of, encoded
+from linked_fleet_agent.components.jogging import NAME, jogging_of, joints_to_jog
 from linked_fleet_agent.components.operating import Operating
 from linked_fleet_agent.demonstration import Demonstration
 from linked_fleet_agent.mesh_files import MeshFiles
-from linked_fleet_agent.motion import Measurements, Motions, Outcome, Sway
+from linked_fleet_agent.motion import Motions, Outcome, Sway
 from linked_fleet_agent.pace import elapsed_ns, every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Conditions, Frames, Report, describe
@@ -120,8 +124,7 @@ class Agent:
         self._conditions = Conditions(self.incarnation)
         self._meshes = MeshFiles(name, self._facts.meshes)
         self._cameras = Cameras(robot, self._facts.cameras)
-        parts = robot.components() if isinstance(robot, ComponentRobot) else ()
-        declared = declarations_of(parts, RobotModel.for_urdf(self._facts.urdf).links, self._joints) if parts else []
+        declared = self._declared(robot.components() if isinstance(robot, ComponentRobot) else ())
         self._host = Host(declared, self.incarnation, lambda: (self._monotonic_ns(), self._wall_ns()))
         self._operating = Operating(
             self._host, self._motions, self._seen, self._stops, self.incarnation, self._monotonic_ns
@@ -141,6 +144,15 @@ class Agent:
                 encoded(declared),
             )
         )
+
+    def _declared(self, parts: Sequence[Component]) -> list[Declared]:
+        """Return the declarations of the components of the robot, and of the one by which its joints are jogged."""
+        links = RobotModel.for_urdf(self._facts.urdf).links if parts else ()
+        declared = declarations_of(parts, links, self._joints)
+        joints = joints_to_jog(self._joints.values(), declared)
+        if not joints or any(each.said.name == NAME for each in declared):
+            return declared
+        return [*declared, *declarations_of([jogging_of(joints, self._motions, parts)], (), self._joints)]
 
     async def run(self, link: Link) -> None:
         """Tick at ``rate_hz`` until cancelled, then hold and close the robot. Missed ticks are skipped, not made up.

@@ -62,7 +62,7 @@ def _move(move: Move, scale: float, starts: Iterable[Start]) -> Plan:
     cruises, found = {}, {}
     starts = tuple(starts)
     for start in starts:
-        name, full = start.joint.name, _cruise(start)
+        name, full = start.joint.name, cruise_from(start)
         cruise = cruises[name] = _visible(start.joint, min(full, SPEED_SHARE * move.speeds.get(name, math.inf)) * scale)
         ramp = (full if start.velocity else cruise) / RAMP_S
         limits, target = start.joint.limits, move.targets[name]
@@ -71,7 +71,7 @@ def _move(move: Move, scale: float, starts: Iterable[Start]) -> Plan:
     for start in starts:
         name, limits, target = start.joint.name, start.joint.limits, move.targets[start.joint.name]
         if found[name].duration_s < duration_s <= MAX_DURATION_S:
-            ramp = _cruise(start) / RAMP_S
+            ramp = cruise_from(start) / RAMP_S
             found[name] = reach_in(duration_s, start.position, start.velocity, target, cruises[name], ramp, limits)
     return Plan(found, duration_s)
 
@@ -80,7 +80,7 @@ def _follow(follow: Follow, scale: float, starts: Iterable[Start]) -> Plan:
     found, stretch, slowest = {}, 1.0, ""
     for column, start in enumerate(starts):
         positions = [row[column] for row in follow.positions]
-        allowed = _visible(start.joint, _cruise(start) * scale)
+        allowed = _visible(start.joint, cruise_from(start) * scale)
         _check_speed(start, allowed)
         trajectory = _path(start, follow.times_s, positions)
         needed = trajectory.maximum_speed
@@ -128,7 +128,7 @@ def _check_extremes(start: Start, trajectory: Trajectory) -> None:
             )
 
 
-def _cruise(start: Start) -> float:
+def cruise_from(start: Start) -> float:
     """Return the highest setpoint speed of a joint, which is less if it starts outside its limits."""
     outside = abs(start.joint.limits.clamp(start.position) - start.position)
     far = outside > (_OUTSIDE_M if start.joint.linear else _OUTSIDE_RAD)

@@ -59,6 +59,10 @@ class Setpoints:
         """Follow the measured positions of these joints also over short ways, because something else moves them now."""
         self._displaced |= self._last.keys() & set(joints)
 
+    def keep(self, joints: Iterable[str]) -> None:
+        """Take back ``release``: setpoints move these joints."""
+        self._displaced.difference_update(joints)
+
     def limit(self, wanted: Mapping[str, float], dt_s: float) -> dict[str, float]:
         """Return the setpoints to send ``dt_s`` after the last ones: as wanted, or as near as the speed allows."""
         found = {}

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_agent.motion import SETTLE_S, STANDSTILL_S, Measurements, Motions, Outcome, Sway
+from linked_fleet_agent.axis import SETTLE_S, STANDSTILL_S, Measurements
+from linked_fleet_agent.motion import Motions, Outcome, Sway
 from linked_fleet_agent.plan import OUTSIDE_SHARE, ImpossibleError, joints_of, plan
 from linked_fleet_agent.robot import JointFacts, Limits
 from linked_fleet_agent.sensors import JointSensor

@@ -109,6 +109,8 @@ class Gateway:
     def publish_condition(self, payload: bytes) -> None:
         """Ignore it."""
 
+    publish_values = publish_event = publish_condition
+
     def publish_progress(self, payload: bytes, final: bool) -> None:
         """Ignore it."""
 

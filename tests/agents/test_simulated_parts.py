@@ -40,12 +40,13 @@ KINDS = {
 @pytest.mark.parametrize("source", sorted(MODELS))
 def test_each_robot_declares_its_parts_and_the_simulation(source: str) -> None:
     bench = Simulated(source)
+    jogging = {} if source == "pmb2" else {"jogging": "Jogging"}
     links = {"panda_hand", "left_gripper_base_link", "right_gripper_base_link", "tool0", "base_footprint", "base"}
     said = codec.decode(bench.agent.description, DescriptionWithComponents)
     declared, refused = read_declarations(said.components, links, said.joints)
     assert refused == []
     assert {each.name: each.semantic_type.removeprefix(LF) for each in declared} == {
-        "mode": "Mode", "diagnostics": "Diagnostics", "simulation": "", **KINDS[source],
+        "mode": "Mode", "diagnostics": "Diagnostics", "simulation": "", **KINDS[source], **jogging,
     }  # fmt: skip
     [simulation] = [each for each in declared if each.name == "simulation"]
     assert simulation.description.startswith("The simulation of this robot, not a part of it")

@@ -84,6 +84,8 @@ class CheckingLink:
     def publish_condition(self, payload: bytes) -> None:
         """Ignore it."""
 
+    publish_values = publish_event = publish_condition
+
     def publish_progress(self, payload: bytes, final: bool) -> None:
         decode(payload, Progress)
 

@@ -1,9 +1,8 @@
 """The component of a base that takes velocities: it accelerates and brakes within limits, and stops by itself."""
 
-import asyncio
 import math
 from abc import abstractmethod
-from collections.abc import Awaitable, Callable, Sequence
+from collections.abc import Mapping, Sequence
 from inspect import signature
 from typing import Annotated, Any, ClassVar
 
@@ -12,7 +11,6 @@ from msgspec import Meta
 from linked_fleet_agent.components.call import Call
 from linked_fleet_agent.components.component import action, value
 from linked_fleet_agent.components.docking import docking, station_at
-from linked_fleet_agent.components.input_stream import InputStream
 from linked_fleet_agent.components.kinds import (
     Angular,
     Base,
@@ -27,8 +25,8 @@ from linked_fleet_agent.components.kinds import (
 )
 from linked_fleet_agent.components.path_following import following
 from linked_fleet_agent.components.schemas import unit
-from linked_fleet_agent.components.ticks import Ticks
-from linked_fleet_agent.path_tracking import PathError, PosesAhead
+from linked_fleet_agent.components.velocity_runs import VelocityRuns
+from linked_fleet_agent.path_tracking import PosesAhead
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Ramp, Velocity
 from linked_fleet_agent.wire import messages
 from linked_fleet_agent.wire.components import BASE, StreamLimits
@@ -37,10 +35,9 @@ MOST_S, USUAL_S = 1.0, 0.5
 """How long one request of velocities holds, at most and by default."""
 _STOP_MARGIN_S = 0.5
 _CONTACT_M, _CONTACT_RAD = 0.01, math.radians(1.0)
-_TAKE_OVER_TICKS, _SILENCE_S = 3, 2.0
 
 
-class VelocityBase(Base, blocking=False):
+class VelocityBase(VelocityRuns, Base, blocking=False):
     """A base that takes velocities.
 
     A subclass names its ``limits`` and its ``corners`` (m), and writes ``send`` and ``measure``. A request of
@@ -77,12 +74,10 @@ class VelocityBase(Base, blocking=False):
             setattr(cls, name, member)
 
     def __init__(self) -> None:
+        super().__init__()
         self.ramp = Ramp(self.limits)
         self.pose_now, self.velocity_now = Pose(), STANDING
         self.ahead = PosesAhead()
-        self._ticked_s: float | None = None
-        self._driver: Call[PlanarTwist] | None = None
-        self._ticks = Ticks()
 
     @property
     def speed_share(self) -> float:
@@ -91,8 +86,16 @@ class VelocityBase(Base, blocking=False):
 
     @property
     def standing(self) -> bool:
-        """True while the base is at rest, and wants to be."""
         return self.ramp.standing
+
+    def request(self, given: Mapping[str, Any], until_s: float) -> None:
+        self.ramp.request(Velocity(*(given.get(name, 0.0) for name in Velocity._fields)), until_s)
+
+    def brake(self) -> None:
+        self.ramp.brake()
+
+    def tell(self, call: Call[Any]) -> None:
+        call.feedback(self.twist)
 
     @abstractmethod
     def send(self, velocity: Velocity) -> None:
@@ -145,82 +148,15 @@ class VelocityBase(Base, blocking=False):
         return planar_base(self.pose_now, self.velocity_now)
 
     def on_tick(self, now_s: float) -> None:
-        elapsed_s = 0.0 if self._ticked_s is None else max(now_s - self._ticked_s, 0.0)
-        self._ticked_s = now_s
+        elapsed_s = 0.0 if self.ticked_s is None else max(now_s - self.ticked_s, 0.0)
         self.pose_now, self.velocity_now = self.measure(elapsed_s)
         self.send(self.ramp.step(now_s, elapsed_s, self.speed_share))
-        self._ticks.happen()
+        self.note_tick(now_s)
 
     def on_halt(self) -> None:
         """Tell the motors to stand."""
         self.ramp = Ramp(self.limits)
         self.send(STANDING)
-
-    async def _request(self, call: Call[PlanarTwist], wanted: Velocity, duration_s: float) -> None:
-        """Drive like this, and end when the base stands, or when a newer request has taken over.
-
-        One that was opened as a stream drives as its samples say, until it is told to end.
-        """
-        now_s = await self.tick() if self._ticked_s is None else self._ticked_s
-
-        async def drive() -> None:
-            self.ramp.request(wanted, now_s + duration_s)
-            if call.stream is not None:
-                await self._follow_samples(call, call.stream)
-            await self._until_standing(call)
-
-        await self.carry_out(call, drive)
-
-    async def carry_out(self, call: Call[Any], drive: Callable[[], Awaitable[None]]) -> None:
-        """Let a run drive the base. However it ends, the base comes to rest, or a newer run has taken over."""
-        self._driver = call
-        try:
-            await drive()
-            await self._come_to_rest(call)
-        except asyncio.CancelledError:
-            if call.replaced:
-                await self._until_taken_over(call)
-            await self._come_to_rest(call)
-            raise
-        except PathError:
-            await self._come_to_rest(call)
-            raise
-
-    async def _come_to_rest(self, call: Call[Any]) -> None:
-        if self._driver is call:
-            self.ramp.brake()
-        while self._driver is call and not self.standing:
-            await self.tick()
-
-    async def _follow_samples(self, call: Call[PlanarTwist], stream: InputStream) -> None:
-        """Drive as samples say. The ramp brakes by itself when one does not hold any more."""
-        self.ramp.brake()
-        async for given in stream:
-            if given is not None:
-                velocities = (given.input.get(name, 0.0) for name in Velocity._fields)
-                self.ramp.request(Velocity(*velocities), given.until_s)
-            call.feedback(self.twist)
-
-    async def _until_standing(self, call: Call[PlanarTwist]) -> None:
-        while self._driver is call and not self.standing:
-            await self.tick()
-            call.feedback(self.twist)
-
-    async def _until_taken_over(self, call: Call[Any]) -> None:
-        """Wait for the newer request, which is stopped at times before it begins."""
-        for _ in range(_TAKE_OVER_TICKS):
-            if self._driver is call:
-                await self.tick()
-
-    async def tick(self) -> float:
-        """Wait for the next tick, and return its time.
-
-        Raises TimeoutError if the agent ticks no more; its end has halted the motors.
-        """
-        async with asyncio.timeout(_SILENCE_S):
-            await self._ticks.next()
-        assert self._ticked_s is not None
-        return self._ticked_s
 
 
 def planar_base(pose: Pose, velocity: Velocity) -> messages.Base:
@@ -250,7 +186,7 @@ def _drive(limits: DriveLimits, moves: Sequence[str], stop_s: float) -> Any:
 
         The samples of a stream hold for its time of silence, whatever their duration.
         """
-        await self._request(call, Velocity(linear, lateral, angular), duration)
+        await self.hold_for(call, {"linear": linear, "lateral": lateral, "angular": angular}, duration)
 
     fastest = Velocity(limits.linear, limits.lateral, limits.angular)
     for name, most in fastest._asdict().items():

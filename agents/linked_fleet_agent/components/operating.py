@@ -106,14 +106,15 @@ class Operating:
         joints = [each for each in moves if each != BASE]
         replaced = self._operations.giving_over(name) if task.takes_over else []
         self._outcomes += self.give_way(operate.id, moves, replaced)
-        self._outcomes += self._motions.release(joints, operate.id)
+        standing = [] if replaced else joints
+        self._outcomes += self._motions.release(standing, operate.id)
 
         def begin() -> list[Outcome]:
             self._motions.setpoints.release(joints)
             self._operations.begin(operate.id, name, task, given, self._now_s, self._stream(operate, task))
             return []
 
-        self.begin_when_free(operate.id, moves, begin, joints, replaced)
+        self.begin_when_free(operate.id, moves, begin, standing, replaced)
         return Accepted(operate.id, 0.0, preempted, self._monotonic_ns())
 
     def _stream(self, operate: Operate, task: Task) -> InputStream | None:

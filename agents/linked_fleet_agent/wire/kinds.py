@@ -200,8 +200,27 @@ _BASE = Kind(
     ),
     optional=frozenset({"driveLimits", "followPath", "path", "stations", "dockedAt", "dock", "undock"}),
 )
+_JOGGING = Kind(
+    least=Component(
+        name="jogging",
+        semantic_type=LF + "Jogging",
+        properties=_read(
+            accelerations=replace(_object(), semantic_type=LF + "jointAccelerations"),
+            limitedBecause=_of("string", "limitedBecause"),
+        ),
+        actions={
+            "jogJoints": Action(
+                semantic_type=LF + "JogJoints",
+                input=_object(
+                    velocities=replace(_object(), semantic_type=LF + "jointVelocities"),
+                    duration=_number("driveDuration", "SEC", 0, 1),
+                ),
+            )
+        },
+    ),
+)
 KINDS: Mapping[str, Kind] = {
-    each.least.semantic_type: each for each in (_GRIPPER, _BATTERY, _SWITCH, _MODE, _DIAGNOSTICS, _BASE)
+    each.least.semantic_type: each for each in (_GRIPPER, _BATTERY, _SWITCH, _MODE, _DIAGNOSTICS, _BASE, _JOGGING)
 }
 """The known kinds by IRI."""
 

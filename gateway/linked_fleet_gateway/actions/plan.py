@@ -11,6 +11,7 @@ from linked_fleet_agent.wire.components import COMPONENTS_VERSION, Operate
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command, Expectation, Follow, Move
 from linked_fleet_gateway.base.errors import Offline
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
+from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.model import Joint, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import ALL, View
@@ -33,7 +34,7 @@ class Act(Struct, frozen=True):
     """A request to a component of a robot: an action, or a property to set.
 
     ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion. ``drive`` or
-    ``path`` is what a base does by it, if that is known. ``stream`` opens an action as a stream.
+    ``path`` is what a base, or joints, do by it, if that is known. ``stream`` opens an action as a stream.
     """
 
     component: str
@@ -42,7 +43,7 @@ class Act(Struct, frozen=True):
     property: str = ""
     moves: tuple[str, ...] = ()
     stream: bool = False
-    drive: Drive | None = None
+    drive: Drive | JointDrive | None = None
     path: FollowedPath | None = None
 
     def slowed(self, share: float) -> "Act":

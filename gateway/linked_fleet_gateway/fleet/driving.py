@@ -30,6 +30,15 @@ class Drive(Struct, frozen=True):
         """The velocities by their names in the input of the action ``drive``."""
         return {name: each for name, each in self.velocity._asdict().items() if each}
 
+    @property
+    def standing(self) -> bool:
+        return self.velocity == STANDING
+
+    @property
+    def standing_input(self) -> dict[str, float]:
+        """The input that brakes."""
+        return dict.fromkeys(self.input, 0.0)
+
     def slowed(self, share: float) -> "Drive":
         """Return the drive at a share of its speed, on the same arc."""
         return Drive(Velocity(*(share * each for each in self.velocity)), self.duration_s, self.limits)

@@ -120,6 +120,8 @@ class Bench:
     def publish_condition(self, payload: bytes) -> None:
         """Ignore it."""
 
+    publish_values = publish_event = publish_condition
+
     def publish_progress(self, payload: bytes, final: bool) -> None:
         self.progress.append(codec.decode(payload, Progress))
 

@@ -34,8 +34,8 @@ def changed(kind: str, path: tuple[str | int, ...], to: object) -> Component:
     return msgspec.convert(said, Component)
 
 
-def test_there_are_six_kinds() -> None:
-    assert NAMES == ["Base", "Battery", "Diagnostics", "Gripper", "Mode", "Switch"]
+def test_there_are_seven_kinds() -> None:
+    assert NAMES == ["Base", "Battery", "Diagnostics", "Gripper", "Jogging", "Mode", "Switch"]
 
 
 @pytest.mark.parametrize("kind", NAMES)

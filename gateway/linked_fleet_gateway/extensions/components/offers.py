@@ -21,7 +21,7 @@ from linked_fleet_gateway.rdf.validation import find_root, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, METHODS
 
 if TYPE_CHECKING:
-    from linked_fleet_gateway.api import ActionRequest, Motion
+    from linked_fleet_gateway.api import ActionRequest, DeferredPlan, Motion
     from linked_fleet_gateway.extensions.components import plans
     from linked_fleet_gateway.extensions.components.part import ComponentPart
 else:
@@ -233,7 +233,7 @@ def _offer(
     )
     offer: ComponentOffer
 
-    def handle(request: "ActionRequest") -> "Motion":
+    def handle(request: "ActionRequest") -> "Motion | DeferredPlan":
         return plans.plan(offer, request)
 
     offer = ComponentOffer(

@@ -17,6 +17,7 @@ from linked_fleet_agent.wire.components import (
     read_declarations,
 )
 from linked_fleet_gateway.api import Core, Robot, RobotModel, cancel_tasks
+from linked_fleet_gateway.extensions.components.hand_declaration import with_hand
 from linked_fleet_gateway.extensions.components.part import ComponentPart, parts_from
 from linked_fleet_gateway.extensions.components.state import Change, RobotState
 from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
@@ -103,6 +104,7 @@ class Receipt:
         components, refused = await asyncio.to_thread(read_declarations, declared, model.links, model.joints)
         if robot.model is not model or robot.incarnation is None:
             return  # it has described itself anew meanwhile
+        components = with_hand(components, model)
         state = RobotState(components, robot.incarnation)
         parts = parts_from(robot, model, components, state)
         self._known[robot.name] = _Known(source, state, {each.name: each for each in parts.values()})

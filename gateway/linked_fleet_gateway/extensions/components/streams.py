@@ -51,6 +51,10 @@ class OpenStream:
         self, core: Core, offer: ComponentOffer, motion: Motion, invocation: Invocation, caller: Caller, base: str
     ) -> None:
         self._actions, self._caller, self._motion, self._part = core.actions, caller, motion, offer.part
+        self._offer = offer
+        assert offer.declared is not None
+        assert offer.declared.stream is not None
+        self._holds_s = offer.declared.stream.silence_s
         self.robot, self.invocation, self.lease = motion.robot, invocation, invocation.lease
         self.reason = _LEFT
         """Why the gateway ends it."""
@@ -62,16 +66,18 @@ class OpenStream:
         """Return the velocities of a sample at the speed at which the way is free until they hold no more."""
         act, reports = self._motion.motion, self._reports
         assert isinstance(act, Act)
-        drive = plans.drive_of(self._part, act.action, json.decode(given))
+        given, share, limited = plans.as_joints(self._offer, given)
+        reports.limited, reports.speed_share = limited, share
+        drive = plans.drive_of(self._part, act.action, json.decode(given), self._holds_s)
         if drive is None:
             return given
         try:
             motion = replace(self._motion, motion=replace(act, input=bytes(given), drive=drive))
-            motion, reports.limited = await self._actions.guarded(motion, self._caller, self.invocation.id)
+            motion, why = await self._actions.guarded(motion, self._caller, self.invocation.id)
         except MotionRefused as error:
             reports.limited, reports.speed_share = error.reason, 0.0
-            return Raw(json.encode(json.decode(given) | dict.fromkeys(drive.input, 0.0)))
-        reports.speed_share = motion.facts.get("speedShare", 1.0)
+            return Raw(json.encode(json.decode(given) | drive.standing_input))
+        reports.limited, reports.speed_share = why or limited, share * motion.facts.get("speedShare", 1.0)
         assert isinstance(motion.motion, Act)
         return Raw(motion.motion.input)
 
@@ -128,6 +134,8 @@ class Streams:
         caller, body = websocket_caller(websocket), InputBody((), NamedNode(base + offer.path), {})
         request = ActionRequest(base, body, offer.robot, None, robot_time(offer.robot), offer.thing)
         motion = plans.stream(offer, request)
+        if plans.is_hand(offer):
+            await asyncio.to_thread(plans.prepare_hand, offer)
         await self._core.live.link.prepare_samples(motion.robot.name)
         invocation = await self._core.actions.start(offer.path, motion, caller)
         stream = OpenStream(self._core, offer, motion, invocation, caller, base)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.extensions.reach.joint_chain import (
+from linked_fleet_gateway.fleet.joint_chain import (
     FAR,
     Chain,
     Limits,

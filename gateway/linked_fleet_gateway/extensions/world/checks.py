@@ -12,7 +12,6 @@ from typing import Self
 
 from msgspec.structs import replace
 
-from linked_fleet_agent.planar import STANDING
 from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
@@ -20,6 +19,7 @@ from linked_fleet_gateway.extensions.world.collisions import Collides, Collision
 from linked_fleet_gateway.extensions.world.driving import Driving, valid_until_ns
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
+from linked_fleet_gateway.extensions.world.jogging import Jogs
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     CheckFailed,
@@ -41,6 +41,7 @@ from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.faces import ALL, View, unchecked_links
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
+from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
 from linked_fleet_gateway.fleet.xml import Vector
@@ -85,8 +86,8 @@ class Checks:
         self._collisions = collisions or Collisions(live.fan_out.mark_changed)
         self._refusals = Refusals(live.fleet.robots, objects, maps)
         self._waiting = self._early = 0
-        self._driving = Driving()
-        self._questions = Questions(live, self._preparation, self._driving, objects, maps)
+        self._driving, self._jogs = Driving(), Jogs()
+        self._questions = Questions(live, self._preparation, self._driving, self._jogs, objects, maps)
 
     async def __aenter__(self) -> Self:
         self._preparation.open()
@@ -215,8 +216,10 @@ class Checks:
         if isinstance(answer, CheckFailed):
             raise Unchecked(answer.reason)
 
-    async def _check_drive(self, robot: Robot, drive: Drive, robots: list[Robot], sees: View, own: str) -> Finding:
-        if drive.velocity == STANDING:
+    async def _check_drive(
+        self, robot: Robot, drive: Drive | JointDrive, robots: list[Robot], sees: View, own: str
+    ) -> Finding:
+        if drive.standing:
             return Finding(True)  # to brake is always free
         limited, share = "", 1.0
         for attempt in range(_MOST_SPEEDS):
@@ -232,8 +235,14 @@ class Checks:
             limited = self._collision(robot, answer).reason
         found = self._finding(robot, answer)
         if own:
-            self._driving.begin(robot, slower)
+            self._begin(robot, slower)
         return replace(found, speed_share=share, limited=limited, until_ns=until_ns)
+
+    def _begin(self, robot: Robot, drive: Drive | JointDrive) -> None:
+        if isinstance(drive, JointDrive):
+            self._jogs.begin(robot, drive)
+        else:
+            self._driving.begin(robot, drive)
 
     def _collision(self, robot: Robot, answer: CollisionFound) -> Collides:
         assert robot.model is not None  # of a prepared robot

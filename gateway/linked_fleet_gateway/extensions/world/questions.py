@@ -16,6 +16,7 @@ from linked_fleet_gateway.extensions.world.collisions import Unchecked
 from linked_fleet_gateway.extensions.world.driving import Driving, odometry_of, velocity_of
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import Maps
+from linked_fleet_gateway.extensions.world.jogging import Jogs
 from linked_fleet_gateway.extensions.world.messages import (
     Check,
     DrivenWay,
@@ -32,6 +33,7 @@ from linked_fleet_gateway.extensions.world.process import Preparation, key_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.faces import View
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
+from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.serving import Act, Live
@@ -86,17 +88,18 @@ WITHIN_S = 1.0
 
 
 class Questions:
-    """Creates questions. ``driving`` knows the drives that have begun."""
+    """Creates questions. ``driving`` knows the drives that have begun, ``jogs`` the jogging."""
 
     def __init__(
         self,
         live: Live,
         preparation: Preparation,
         driving: Driving,
+        jogs: Jogs,
         objects: Mapping[str, SceneObject],
         maps: Maps,
     ) -> None:
-        self._live, self._preparation, self._driving = live, preparation, driving
+        self._live, self._preparation, self._driving, self._jogs = live, preparation, driving, jogs
         self._objects, self._maps = objects, maps
 
     def about(self, motion: Motion, robots: list[Robot], sees: View, own: str) -> Check:
@@ -130,11 +133,22 @@ class Questions:
         ways = [paths_along(legs_of(way), start, elsewhere) for way in path.ways(here)]
         return self._checking(robot, tuple(each for paths in ways for each in paths), robots, sees, as_they_are)
 
-    def driven(self, robot: Robot, drive: Drive, robots: list[Robot], sees: View, own: str) -> Check:
-        """Return the question about a drive."""
+    def driven(self, robot: Robot, drive: Drive | JointDrive, robots: list[Robot], sees: View, own: str) -> Check:
+        """Return the question about a drive. Raises Unchecked if the place of a jogged joint is unknown."""
+        if isinstance(drive, JointDrive):
+            return self._jogged(robot, drive, robots, sees, own)
         now, before = velocity_of(robot), self._driving.wanted(robot)
         driven = DrivenWay(drive, now, before, _positions(robot), self._underway(robot, own))
         return replace(self._checking(robot, (), robots, sees), driven=driven)
+
+    def _jogged(self, robot: Robot, drive: JointDrive, robots: list[Robot], sees: View, own: str) -> Check:
+        start, elsewhere = _positions(robot), self._underway(robot, own)
+        if missing := [name for name, each in drive.velocities.items() if each and name not in start]:
+            raise Unchecked(
+                f"It is unknown if {robot.name} would collide, because the place of {missing[0]} is unknown."
+            )
+        ways = [paths_along(legs, start, elsewhere) for legs in self._jogs.legs(robot, drive)]
+        return self._checking(robot, tuple(each for paths in ways for each in paths), robots, sees)
 
     def survey(self, robot: Robot, robots: list[Robot], sees: View) -> Survey:
         """Return the question about what stands around a robot, and will be on the ways of others."""
@@ -170,7 +184,7 @@ class Questions:
         for invocation in reversed(self._live.invocations.open_of_robot(robot.name)):
             if invocation.id != own:
                 ends |= invocation.targets
-        return ends | self._driving.ends(robot)
+        return ends | self._driving.ends(robot) | self._jogs.ends(robot)
 
 
 def _positions(robot: Robot) -> Positions:

@@ -10,8 +10,8 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.extensions.reach import inverse_kinematics as reach
-from linked_fleet_gateway.extensions.reach import joint_chain
 from linked_fleet_gateway.extensions.reach.can_reach import LF, CanReach
+from linked_fleet_gateway.fleet import joint_chain
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.model import RobotModel
