@@ -39,6 +39,9 @@ class DrivenBase:
     def name(self) -> str:
         return self._robot.name
 
+    def may_know(self, name: str) -> bool:
+        return self._sees.includes(name)
+
     async def around(self) -> Around:
         try:
             return await floor.around(self._world, self._robot, self._sees, self._is_lateral)

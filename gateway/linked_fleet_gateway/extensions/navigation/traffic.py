@@ -87,6 +87,9 @@ class Base(Protocol):
     def name(self) -> str:
         """The name of its obstacle: that of the robot."""
 
+    def may_know(self, name: str) -> bool:
+        """Return True if whoever drives it may know of a robot."""
+
     async def around(self) -> Around:
         """Return what is around it. Raises UnplannedError if that is unknown now, and errors of the gateway."""
 
@@ -281,7 +284,7 @@ class Traffic:
             elif aside.done:
                 await self._wait()
             else:
-                trip.report(f"gives way to {aside.asker.name}")
+                trip.report(f"gives way to {self._title(_known(trip, aside.asker))}")
                 try:
                     await self._leave(trip, aside)
                 except UnplannedError as error:
@@ -332,7 +335,7 @@ class Traffic:
         around = await trip.base.around()
         known = {each.name for each in around.obstacles if each.passes}
         ways = [
-            Obstacle(each.name, each.way, passes=True)
+            Obstacle(_known(trip, each), each.way, passes=True)
             for each in self._trips.values()
             if each is not trip and each.driving and each.name not in known
         ]
@@ -371,6 +374,11 @@ class Traffic:
         with suppress(TimeoutError):
             async with asyncio.timeout(LOOK_S):
                 await self._changed.wait()
+
+
+def _known(trip: Trip, other: Trip) -> str:
+    """Return the name of another drive's robot; nothing if whoever drives may not know it."""
+    return other.name if trip.base.may_know(other.name) else ""
 
 
 def _goes_first(one: Trip, other: Trip) -> bool:
