@@ -116,18 +116,24 @@ def trip(cart: Cart, goal: Pose, rank: int = 0) -> Trip:
     return Trip(cart, ToPose(goal[:2], goal.heading), (1, rank))
 
 
+def scattered(chance: random.Random, floor: Floor) -> list[Pose]:
+    """Return twelve poses at which bases touch neither each other nor a wall."""
+    found = list[Pose]()
+    walls = [each.polygons[0] for each in floor.walls]
+    while len(found) < 12:
+        at = Pose(chance.uniform(0, SIDE_M), chance.uniform(0, SIDE_M), chance.uniform(-3, 3))
+        is_apart = all(math.dist(at[:2], each[:2]) > 1.2 for each in found)
+        if is_apart and not any(meets(box(at.x, at.y, 0.5), wall) for wall in walls):
+            found.append(at)
+    return found
+
+
 @pytest.mark.parametrize("seed", CROSSINGS)
 async def test_all_reach_their_goals(seed: int) -> None:
     """Two to six bases among crates drive to random goals at once; 500 times in the long tests."""
     chance = random.Random(seed)
-    while True:
-        floor = Floor([box(chance.uniform(0, SIDE_M), chance.uniform(0, SIDE_M), 0.3) for _ in range(5)])
-        places = [Pose(chance.uniform(0, SIDE_M), chance.uniform(0, SIDE_M), chance.uniform(-3, 3)) for _ in range(12)]
-        walls = [each.polygons[0] for each in floor.walls]
-        if all(_apart(one, other) for one, other in itertools.combinations(places, 2)) and not any(
-            meets(box(at.x, at.y, 0.5), wall) for at, wall in itertools.product(places, walls)
-        ):
-            break
+    floor = Floor([box(chance.uniform(0, SIDE_M), chance.uniform(0, SIDE_M), 0.3) for _ in range(5)])
+    places = scattered(chance, floor)
     count = chance.randint(2, 6)
     carts = [Cart(floor, f"/r{number}", places[number]) for number in range(count)]
     goals, roads = [*places[6 : 6 + count]], traffic()
@@ -137,10 +143,6 @@ async def test_all_reach_their_goals(seed: int) -> None:
         )
     for cart, goal in zip(carts, goals, strict=True):
         assert math.dist(cart.pose[:2], goal[:2]) < 0.01
-
-
-def _apart(one: Pose, other: Pose) -> bool:
-    return math.dist(one[:2], other[:2]) > 1.2
 
 
 CORRIDOR = (hull(((-1, 0.5), (7, 0.5), (7, 0.7), (-1, 0.7))), hull(((-1, -0.5), (7, -0.5), (7, -0.7), (-1, -0.7))))
