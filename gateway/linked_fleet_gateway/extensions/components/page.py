@@ -25,19 +25,21 @@ def component(facts: Facts, iri: NamedNode) -> Part:
         "told": [card for each, card in found if not facts.is_a(each, LF.ComponentEvent)],
         "events": [card for each, card in found if facts.is_a(each, LF.ComponentEvent)],
         "actions": actions(facts, iri),
-        "stick": _stick(facts, iri),
+        "stick": _by_hand(facts, iri, LF.extended("Base").Base, "drive"),
+        "jog": _by_hand(facts, iri, LF.extended("Jogging").Jogging, "jogJoints"),
     }
     shown = {*PRESENCE, RDFS.comment, HYBRIT.property, HYBRIT.action, *leading}
     return Part(more, shown, set(listed))
 
 
-def _stick(facts: Facts, iri: NamedNode) -> Mapping[str, str]:
-    """Return the addresses for driving a base by hand; nothing for what is no base."""
-    drive = NamedNode(f"{iri.value}/actions/drive")
-    if not facts.is_a(iri, LF.extended("Base").Base) or drive not in facts.all(iri, HYBRIT.action):
+def _by_hand(facts: Facts, iri: NamedNode, kind: NamedNode, name: str) -> Mapping[str, str]:
+    """Return the addresses for moving a component of this kind by hand; nothing for another one."""
+    action = NamedNode(f"{iri.value}/actions/{name}")
+    if not facts.is_a(iri, kind) or action not in facts.all(iri, HYBRIT.action):
         return {}
-    robot = path_below(iri.value, facts.root).rpartition("/")[0]
-    return {"action": path_below(drive.value, facts.root), "robot": f"{robot}/"}
+    component = path_below(iri.value, facts.root)
+    robot = component.rpartition("/")[0]
+    return {"action": path_below(action.value, facts.root), "component": component, "robot": f"{robot}/"}
 
 
 def _named(facts: Facts, iri: NamedNode, card: Card, title: str) -> Card:

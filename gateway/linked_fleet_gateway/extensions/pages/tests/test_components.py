@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from accessibility import violations_in_both_schemes
 from running import ROOT, eventually, process
 from small_fleet import Place, live
 from watched_page import Watched
@@ -137,3 +138,49 @@ def test_who_may_not_drive_is_told_why(page: Page, base: str, watched: Watched) 
     page.locator("#drive").get_by_role("button", name="Drive").click()
     expect(page.locator("#drive").get_by_role("status")).to_contain_text("Ann")
     watched.forgive("WebSocket connection", "status of 409")
+
+
+def position(page: Page, panda: str) -> float:
+    """Return where the fourth joint is, in rad."""
+    said = page.request.get(f"{panda}panda_joint4/rotation", headers={"accept": "application/json"}).json()
+    return float(said["value"])
+
+
+def test_an_arm_is_jogged_by_hand(page: Page, watched: Watched, panda: str) -> None:
+    """Joints and the hand by held buttons, with a key and with the mouse, until the person lets go."""
+    page.goto(panda + "jogging")
+    jog = page.locator("#jog")
+
+    def held(button: Locator, press: Callable[[], None], release: Callable[[], None]) -> None:
+        """Hold a button until the arm moves. On a busy machine the panel locks until it is released."""
+        expect(button).to_be_enabled()
+        before = position(page, panda)
+
+        button.hover()
+        button.focus()
+        press()
+
+        def moves() -> bool:
+            if "locked" in jog.get_by_role("status").inner_text():
+                release()
+                press()
+            return abs(position(page, panda) - before) > 0.02
+
+        eventually(moves, "an arm that moves")
+        release()
+        expect(jog.locator(".figures")).to_contain_text("Nothing is held")
+
+    expect(jog.get_by_role("button", name="panda_joint4 plus")).to_be_disabled()
+    jog.get_by_role("button", name="Jog", exact=True).click()
+    expect(jog.get_by_role("status")).to_contain_text("You jog")
+    joint = jog.get_by_role("button", name="panda_joint4 plus")
+    held(joint, lambda: page.keyboard.down("Space"), lambda: page.keyboard.up("Space"))
+    jog.get_by_role("radio", name="A link").check()
+    expect(jog.get_by_role("status")).to_have_text("You do not jog.")
+    expect(jog.get_by_label("Link", exact=True).first).to_be_visible()
+    jog.get_by_role("button", name="Jog", exact=True).click()
+    expect(jog.get_by_role("status")).to_contain_text("You jog")
+    held(jog.get_by_role("button", name="Along z plus"), page.mouse.down, page.mouse.up)
+    jog.get_by_role("button", name="Let go").click()
+    expect(jog.get_by_role("status")).to_have_text("You do not jog.")
+    assert violations_in_both_schemes(page) == []
