@@ -34,6 +34,7 @@ SUITES = (
     Suite("components", repeated=False),
     Suite("latency"),
     Suite("driving"),
+    Suite("ways", repeated=False),
     Suite("actions", repeated=False),
     Suite("parts", repeated=False),
     Suite("binary", repeated=False),
