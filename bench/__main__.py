@@ -35,6 +35,7 @@ SUITES = (
     Suite("latency"),
     Suite("driving"),
     Suite("driven_fleet", repeated=False),
+    Suite("ways", repeated=False),
     Suite("actions", repeated=False),
     Suite("parts", repeated=False),
     Suite("binary", repeated=False),

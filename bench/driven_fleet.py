@@ -164,5 +164,5 @@ async def _measure(seconds: float) -> list[Row]:
     ]
 
 
-def rows(seconds: float) -> list[Row]:
-    return asyncio.run(_measure(max(seconds, 10.0)))
+def rows(seconds: float, least_s: float = 10.0) -> list[Row]:
+    return asyncio.run(_measure(max(seconds, least_s)))

@@ -26,12 +26,13 @@ from bench.footprint import LIBRARIES
 from bench.scene import rss_kib
 from bench.table import Row, bounded, known
 from browser import LF, Browser
-from linked_fleet_demo.tree import robots_online
+from linked_fleet_demo.tree import ROBOTS, robots_online
 from running import PATIENCE_S, ROOT, eventually, free_port
 from small_fleet import Place
 
 STARTS = 5
 MOST_START_S, MOST_DEMO_S, MOST_MB = 0.5, 4.0, 110.0
+_DEMO = f"demo of {len(ROBOTS)} robots"
 _LAST_LINE = "Ctrl-C ends the demo."
 _COMMAND = re.compile(r"^ +curl (?:-N -H 'Accept: (?P<accept>[^']+)' )?(?P<url>http\S+)$", re.M)
 _ROTATION = re.compile(r"curl -i -H 'Content-Type: text/turtle' (?P<url>http\S+) --data '(?P<body>[^']+)'")
@@ -61,7 +62,7 @@ def rows(_: float, starts: int = STARTS) -> list[Row]:
         known(f"{beside}: start, processor", "s CPU", libraries.cpu_s),
         _beside(name, "s", gateway.clock_s, beside, libraries.clock_s),
         _beside(f"{name}: processor", "s CPU", gateway.cpu_s, beside, libraries.cpu_s),
-        bounded("start of the demo until its commands work", "s", demo.clock_s, MOST_DEMO_S),
+        bounded(f"start of the {_DEMO} until its commands work", "s", demo.clock_s, MOST_DEMO_S),
         *found,
     ]
 
@@ -162,7 +163,7 @@ def _memory(demo: Demo) -> list[Row]:
         headers = {"content-type": "application/sparql-query", "accept": "application/sparql-results+json"}
         answer = httpx.post(demo.root + "query", content="ASK { ?robot a ?kind }", headers=headers, timeout=PATIENCE_S)
         assert json.loads(answer.text)["boolean"] is True
-    name, ends = "demo of five robots, all extensions", "until it has been idle for five minutes"
+    name, ends = f"{_DEMO}, all extensions", "until it has been idle for five minutes"
     return [
         bounded(f"{name}: memory of the gateway", "MB", rest, MOST_MB),
         known(f"{name}: memory of its process that checks motions, {ends}", "MB", _worker_mb(gateway, "world")),

@@ -64,7 +64,7 @@ def _certify(site: Path, agents: str, *options: str) -> str:
 
 def _start(fleet: Fleet) -> None:
     fleet.stack.up()
-    wait_for(lambda: online(fleet) >= set(ROBOTS) and ready(fleet) == 2, "five robots online")
+    wait_for(lambda: online(fleet) >= set(ROBOTS) and ready(fleet) == 2, "six robots online")
 
 
 def _destroy(fleet: Fleet, site: Path) -> None:

@@ -15,7 +15,7 @@ from stack import Stack, StackError
 HYBRIT, LF = "https://hybr-it-projekt.de/ns/hybr-it#", "https://w3id.org/linked-fleet#"
 HAS_PART = "http://purl.org/dc/terms/hasPart"
 LDP_CONTAINS = "http://www.w3.org/ns/ldp#contains"
-ROBOTS = ("baxter", "go2", "panda", "tiago", "ur5")
+ROBOTS = ("baxter", "go2", "panda", "pmb2", "tiago", "ur5")
 SWAYING = "ur5/shoulder_pan_joint/rotation"
 _MOVING = "baxter/right_s1/rotation"
 _NUMBER = "http://vocab.arvida.de/2015/06/vom/vocab#numericalValue"
@@ -53,8 +53,8 @@ def wait_for(probe: Callable[[], T], what: str) -> T:
 
 
 def fleet_over_https(fleet: Fleet) -> None:
-    """five robots are online, over https with the fleet's own certificate authority"""
-    wait_for(lambda: online(fleet) >= set(ROBOTS), "five robots online")
+    """six robots are online, over https with the fleet's own certificate authority"""
+    wait_for(lambda: online(fleet) >= set(ROBOTS), "six robots online")
 
 
 def links(fleet: Fleet) -> None:
@@ -150,7 +150,7 @@ def gateway_loss(fleet: Fleet) -> None:
 def router_restart(fleet: Fleet) -> None:
     """the router restarts: robots come back, and move"""
     fleet.stack.restart("router")
-    wait_for(lambda: online(fleet) >= set(ROBOTS) and ready(fleet) == 2, "five robots online")
+    wait_for(lambda: online(fleet) >= set(ROBOTS) and ready(fleet) == 2, "six robots online")
     wait_for(lambda: _rotate(fleet, 20), "a motion that succeeds")
 
 

@@ -53,11 +53,11 @@ none_left() { # also of sessions of their own, in which workers and the embedded
 
 gone() { ! curl -sf -o /dev/null "$1"; }
 
-demo() { # demo COMMAND…: wait until five robots are online, then end it
+demo() { # demo COMMAND…: wait until six robots are online, then end it
   set -m
   "$@" &
   local process=$!
-  awaited 600 online 5
+  awaited 600 online 6
   ended "$process"
 }
 
@@ -132,14 +132,14 @@ tutorial() {
   set -m
   make demo &
   local process=$!
-  awaited 300 online 5
+  awaited 300 online 6
   awaited 60 curl -sf -o /dev/null "${root}health/ready"
   .venv/bin/python tests/support/run_page.py docs/TUTORIAL.md
   ended "$process"
 }
 
 step "packages of the system that the pages name: apt install $(named | xargs)" packages
-step "pipx run linked-fleet demo, until five robots are online, and Ctrl-C" by_pipx
+step "pipx run linked-fleet demo, until six robots are online, and Ctrl-C" by_pipx
 cp by_pipx.log by_pipx_first.log
 step "the same again" by_pipx
 step "pipx install uv; uvx linked-fleet demo" by_uv
@@ -147,5 +147,5 @@ step "uvx linked-fleet demo again" by_uv_again
 step "pip install linked-fleet-agent on a robot: two dependencies" agent
 step "pipx install linked-fleet; linked-fleet --help" installed
 step "a robot of your own: examples/door.py, turned to 30 degrees" own_robot
-step "the tutorial begins: make demo in a checkout, until five robots are online, and Ctrl-C" checkout
+step "the tutorial begins: make demo in a checkout, until six robots are online, and Ctrl-C" checkout
 step "the tutorial from end to end: make demo, then each of its commands" tutorial

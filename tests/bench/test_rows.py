@@ -32,6 +32,8 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "footprint": {"seconds": 0.5, "size": Size(robots=3, joints=3, models=2)},
     "joining": {"seconds": 0.1, "already": (2, 4)},
     "latency": {"seconds": 0.3},
+    "driven_fleet": {"seconds": 0.5, "least_s": 0.5},
+    "ways": {"_": 0.0, "scenes": 10},
     "actions": {"seconds": 0.1},
     "parts": {"seconds": 0.3, "robots": 2},
     "transports": {"seconds": 0.3, "losses": (0.02,)},

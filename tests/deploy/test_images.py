@@ -14,6 +14,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from linked_fleet_demo.tree import ROBOTS
+
 ROOT = Path(__file__).parents[2]
 COMPOSE = (ROOT / "docker-compose.yml").read_text()
 DOCKERFILES = [(ROOT / "deploy" / f"{name}.Dockerfile").read_text() for name in ("agent", "gateway")]
@@ -36,6 +38,27 @@ def test_files_that_are_mounted_exist() -> None:
     mounted = re.findall(r'"\./([^:"]+):[^"]+"', COMPOSE + (ROOT / "deploy/fleet_check/compose.yaml").read_text())
     assert len(mounted) == 3
     assert [path for path in mounted if not (ROOT / path).is_file()] == []
+
+
+def _robots(compose: str) -> set[str]:
+    """Return the robots of the demo that have a service in a compose file."""
+    return set(re.findall(rf"^  ({'|'.join(ROBOTS)}):$", compose, re.M))
+
+
+def test_the_fleet_of_compose_has_the_robots_of_the_demo() -> None:
+    """The check of that fleet awaits them, and each has a certificate of its own."""
+    certificates = (ROOT / "deploy/certificates/compose.yaml").read_text()
+    assert _robots(COMPOSE) == _robots(certificates) == set(ROBOTS)
+    assert set(re.findall(r"--robot, (\w+)[],]", COMPOSE)) == set(ROBOTS)
+    assert set(re.findall(r"/agents/(\w+)\.pem", certificates)) == set(ROBOTS)
+    (checked,) = re.findall(r"^ROBOTS = \((.+)\)$", (ROOT / "deploy/fleet_check/checks.py").read_text(), re.M)
+    assert set(re.findall(r"\w+", checked)) == set(ROBOTS)
+
+
+@pytest.mark.parametrize("path", ["deploy/README.md", "deploy/certificates/compose.yaml"])
+def test_the_command_that_makes_certificates_names_the_robots_of_the_demo(path: str) -> None:
+    (agents,) = re.findall(r"--agent (\w+(?:,\w+){2,}) ", (ROOT / path).read_text())
+    assert set(agents.split(",")) == {*ROBOTS, "door"}
 
 
 @pytest.mark.parametrize("text", DOCKERFILES)

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from installed import build_wheels, environment, running
+from linked_fleet_demo.tree import ROBOTS
 from running import ROOT, eventually, free_port
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -72,7 +73,7 @@ def _seen(installed: Path, root: str) -> set[str]:
         cwd="/",
         check=False,
     )
-    return {name for name in ("ur5", "baxter", "panda", "tiago", "go2", "pmb2") if f"/{name}" in done.stdout}
+    return {name for name in ROBOTS if f"/{name}" in done.stdout}
 
 
 def test_gateway_agent_and_client_run_from_the_wheels(installed: Path, tmp_path: Path) -> None:
@@ -90,4 +91,4 @@ def test_gateway_agent_and_client_run_from_the_wheels(installed: Path, tmp_path:
 def test_the_demo_runs_from_the_wheels(installed: Path, tmp_path: Path) -> None:
     port = free_port()
     with running(installed, "linked-fleet", "demo", "--port", str(port), cwd=tmp_path):
-        eventually(lambda: len(_seen(installed, f"http://127.0.0.1:{port}/")) == 6, "six robots")
+        eventually(lambda: len(_seen(installed, f"http://127.0.0.1:{port}/")) == len(ROBOTS), "six robots")

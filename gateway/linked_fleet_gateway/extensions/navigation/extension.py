@@ -16,6 +16,7 @@ from linked_fleet_gateway.serving import NoReply, QuestionProcess
 
 PLAN_S = 5.0
 """The longest that a plan may take, with the start of its process."""
+PLANNER = "linked_fleet_gateway.extensions.navigation.planning_process"
 
 
 class NavigationExtension(Extension):
@@ -27,9 +28,7 @@ class NavigationExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         world = core.service(World)
-        process = QuestionProcess[PlanWay, Answer](
-            "linked_fleet_gateway.extensions.navigation.planning_process", msgspec.msgpack.Decoder(Answer)
-        )
+        process = QuestionProcess[PlanWay, Answer](PLANNER, msgspec.msgpack.Decoder(Answer))
 
         async def plan(asked: PlanWay) -> Answer:
             try:

@@ -36,9 +36,9 @@ from linked_fleet_gateway.extensions.navigation.messages import (
     ToPose,
     Way,
 )
-from linked_fleet_gateway.extensions.navigation.shortest import DIAGONAL, STRAIGHT, pocket, search
+from linked_fleet_gateway.extensions.navigation.region import Bools, region
+from linked_fleet_gateway.extensions.navigation.shortest import DIAGONAL, STRAIGHT, search
 
-Bools = npt.NDArray[np.bool_]
 Costs = npt.NDArray[np.uint8]
 MARGIN_M = 0.08
 """Room between the base and everything else: corners are cut by 5 cm, the check of motions keeps 1 cm."""
@@ -164,7 +164,7 @@ class _Plan:
         cost = np.where(self._roomy, 1, _TIGHT_COST * self._passable).astype(np.uint8)
         cost.flat[self._start] = cost.flat[self._start] or _TIGHT_COST
         self._open_around_start(cost)
-        return self._shut_in(cost.tobytes(), goals) or self._with_room(goals) or self._as_it_fits(cost, goals)
+        return self._apart_from(goals, cost) or self._with_room(goals) or self._as_it_fits(cost, goals)
 
     def _fits_at_goal(self) -> bool:
         goal = self._asked.goal
@@ -174,24 +174,22 @@ class _Plan:
 
     def _with_room(self, goals: set[int]) -> Way | None:
         """Return a way on which the base may turn everywhere; None if there is none."""
-        if not self._roomy.flat[self._start] or not any(self._roomy.flat[each] for each in goals):
+        if not self._roomy.flat[self._start] or not _any(region(self._roomy, self._start), goals):
             return None
-        cost = self._roomy.astype(np.uint8).tobytes()
-        cells, _ = self._search(cost, goals)
-        return self._way(self._pulled(cells, self._roomy)) if cells else None
+        cells = self._search(self._roomy.astype(np.uint8).tobytes(), goals)
+        return self._way(self._pulled(cells, self._roomy))
 
     def _as_it_fits(self, cost: Costs, goals: set[int]) -> Answer:
         stuck: Pose | None = None
         ends_s = time.thread_time() + _MOST_S
         while time.thread_time() < ends_s:
-            cells, seen = self._search(cost.tobytes(), goals)
-            if not cells:
-                return Blocked("between", self._border(seen, cost))
-            way = self._way(self._pulled(cells, cost > 0))
+            way = self._way(self._pulled(self._search(cost.tobytes(), goals), cost > 0))
             if way is None or (stuck := self._stuck(way.poses)) is None:
                 return way or Blocked("between", ())
             if not self._shut(cost, stuck, goals):
                 return Blocked("start" if self._is_start(stuck) else "goal", self._near(stuck))
+            if (apart := self._apart_from(goals, cost)) is not None:
+                return Blocked("between", apart.by)
         return Blocked("between", () if stuck is None else self._near(stuck))
 
     def _open_around_start(self, cost: Costs) -> None:
@@ -204,7 +202,7 @@ class _Plan:
             cost[window] = np.where(free & (cost[window] == 0), _TIGHT_COST, cost[window])
             cost[[0, -1], :] = cost[:, [0, -1]] = 0
 
-    def _search(self, cost: bytes, goals: set[int]) -> tuple[list[int], bytearray]:
+    def _search(self, cost: bytes, goals: set[int]) -> list[int]:
         estimate = self._estimate(next(iter(goals))) if len(goals) == 1 else None
         return search(cost, self._lattice.columns, self._start, goals, estimate)
 
@@ -290,17 +288,23 @@ class _Plan:
     def _is_start(self, pose: Pose) -> bool:
         return math.dist(pose[:2], self._asked.start[:2]) < self._lattice.step_m
 
-    def _shut_in(self, cost: bytes, goals: set[int]) -> Blocked | None:
-        """Return what is around the goal or the start, if only a few cells are."""
+    def _apart_from(self, goals: set[int], cost: Costs) -> Blocked | None:
+        """Return what is around the start or the goal, whichever has less floor; None if one is reached from the other.
+
+        The way is blocked "between" them if both have more than a few cells.
+        """
+        free = cost > 0
+        reached = region(free, self._start)
+        if _any(reached, goals):
+            return None
         if len(goals) == 1:
             (goal,) = goals
-            if not cost[goal]:
+            if not free.flat[goal]:
                 return Blocked("goal", self._around_goal())
-            if (seen := pocket(cost, self._lattice.columns, goal, _MOST_POCKET, {self._start})) is not None:
-                return Blocked("goal", self._border(seen, np.frombuffer(cost, dtype=np.uint8)))
-        if (seen := pocket(cost, self._lattice.columns, self._start, _MOST_POCKET, goals)) is not None:
-            return Blocked("start", self._border(seen, np.frombuffer(cost, dtype=np.uint8)))
-        return None
+            beyond = region(free, goal)
+            if beyond.sum() <= reached.sum():
+                return Blocked("goal" if beyond.sum() <= _MOST_POCKET else "between", self._border(beyond, free))
+        return Blocked("start" if reached.sum() <= _MOST_POCKET else "between", self._border(reached, free))
 
     def _around_goal(self) -> tuple[str, ...]:
         goal = self._asked.goal
@@ -311,17 +315,19 @@ class _Plan:
         number = int(self._grid.nearest.flat[self._lattice.cell((pose.x, pose.y))])
         return () if number == NOTHING else (self._names[number],)
 
-    def _border(self, seen: bytearray, cost: Costs) -> tuple[str, ...]:
+    def _border(self, reached: Bools, free: Bools) -> tuple[str, ...]:
         """Return the names of the obstacles around the cells that were reached, the most frequent first."""
-        shape = (self._lattice.rows, self._lattice.columns)
-        reached, closed = np.frombuffer(seen, dtype=np.uint8).reshape(shape) > 0, cost.reshape(shape) == 0
-        beside = np.zeros(shape, dtype=bool)
+        beside = np.zeros_like(reached)
         for axis in (0, 1):
             for step in (1, -1):
                 beside |= np.roll(reached, step, axis)
-        numbers = self._grid.nearest[beside & closed]
+        numbers = self._grid.nearest[beside & ~free]
         found, counts = np.unique(numbers[numbers != NOTHING], return_counts=True)
         return tuple(self._names[each] for each in found[np.argsort(-counts)][:_MOST_NAMES].tolist())
+
+
+def _any(cells: Bools, goals: set[int]) -> bool:
+    return bool(cells.flat[np.fromiter(goals, np.intp, len(goals))].any())
 
 
 def _between(start: Pose, end: Pose) -> Iterator[Pose]:

@@ -6,23 +6,15 @@ square metres; no dependency is needed for that.
 
 from collections.abc import Container, Sequence
 from heapq import heappop, heappush
-from typing import NamedTuple
 
 STRAIGHT, DIAGONAL = 10, 14
 _FAR = 1 << 60
 
 
-class Search(NamedTuple):
-    """The cells of the way, from the start to the goal; none if there is none. ``seen`` are the cells reached."""
-
-    cells: list[int]
-    seen: bytearray
-
-
 def search(
     cost: bytes, columns: int, start: int, goals: Container[int], estimate: Sequence[int] | None = None
-) -> Search:
-    """Find the way with the least cost to the first of ``goals``.
+) -> list[int]:
+    """Return the cells of the way with the least cost to one of ``goals``, with the start; none if there is no way.
 
     ``cost`` of each cell is 0 if it cannot be passed, else the factor (1 to 255) of the way through it. The cells at
     the border have none. ``estimate`` is the least cost from each cell to the goal.
@@ -39,7 +31,7 @@ def search(
             continue
         seen[at] = 1
         if at in goals:
-            return Search(_back(before, at), seen)
+            return _back(before, at)
         here = best[at]
         for offset, length in steps:
             there = at + offset
@@ -49,7 +41,7 @@ def search(
                 if whole < best[there]:
                     best[there], before[there] = whole, at
                     heappush(pending, (whole + left[there], there))
-    return Search([], seen)
+    return []
 
 
 def _back(before: dict[int, int], at: int) -> list[int]:
@@ -57,20 +49,3 @@ def _back(before: dict[int, int], at: int) -> list[int]:
     while (at := before.get(at, -1)) >= 0:
         found.append(at)
     return found[::-1]
-
-
-def pocket(cost: bytes, columns: int, start: int, most: int, wanted: Container[int]) -> bytearray | None:
-    """Return the cells around ``start`` from which nothing else is reached; None if they are many, or one is wanted."""
-    seen, pending, count = bytearray(len(cost)), [start], 0
-    seen[start] = 1
-    while pending:
-        at = pending.pop()
-        count += 1
-        if count > most or at in wanted:
-            return None
-        for offset in (1, -1, columns, -columns, columns + 1, columns - 1, 1 - columns, -1 - columns):
-            there = at + offset
-            if cost[there] and not seen[there]:
-                seen[there] = 1
-                pending.append(there)
-    return seen

@@ -78,6 +78,15 @@ def test_what_is_around_the_goal_is_named() -> None:
     assert found.place == "goal" and set(found.by) == {"north", "south", "west", "east"}
 
 
+def test_the_walls_of_a_room_without_a_door_are_named_and_nothing_of_the_floor_around() -> None:
+    room = [obstacle("north", box(6, 2, 2, 0.1)), obstacle("south", box(6, -2, 2, 0.1))]
+    room += [obstacle("west", box(4, 0, 0.1, 2)), obstacle("east", box(8, 0, 0.1, 2))]
+    others = [obstacle(f"crate {number}", box(-1.5, number - 3, 0.2, 0.2)) for number in range(7)]
+    for start, goal in ((START, (6.0, 0.0)), (Pose(6.0, 0.0, 0.0), START[:2])):
+        found = blocked(PlanWay(start, ToPose(goal), LONG, (*room, *others)))
+        assert found.place == "between" and set(found.by) == {"north", "south", "west", "east"}
+
+
 def test_a_goal_in_a_thing_names_the_thing() -> None:
     found = blocked(PlanWay(START, ToPose((2.0, 0.0)), LONG, (obstacle("crate", box(2, 0, 0.3, 0.3)),)))
     assert found == Blocked("goal", ("crate",))

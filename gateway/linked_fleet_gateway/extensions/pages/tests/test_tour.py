@@ -15,11 +15,10 @@ from animation import animate
 from browser import Browser as Client
 from browser import all_live
 from commanding import angle
-from linked_fleet_demo.tree import PLACES
+from linked_fleet_demo.tree import PLACES, ROBOTS
 from linked_fleet_demo.tree import set_placement as place_robot
 from page_user import PageUser
 from running import Process, eventually, process
-from shared_fixtures import ROBOTS
 from small_fleet import Place
 from watched_page import Watched
 
@@ -34,7 +33,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Client, Pro
     others = (f"--robot={name}" for name in ROBOTS if name != "ur5")
     agents = process("-m", "linked_fleet_agent", *others, "--connect", place.zenoh)
     with place.gateway() as (_, client), place.ur5() as ur5, agents:
-        eventually(lambda: all_live(client, len(ROBOTS)), "five live robots")
+        eventually(lambda: all_live(client, len(ROBOTS)), "six live robots")
         for robot in client.robots():
             place_robot(robot.url, PLACES[urlsplit(robot.url).path.strip("/")])
         yield client, ur5
