@@ -155,7 +155,7 @@ def tree() -> Tree:
         *MODELS,
         rules_branch(rules),
         FleetBranch(WORLD[1:], LF.world, lambda view, rest: resolve_world(view, rest, objects, _collisions(), maps)),
-        *histories(recorded := History(fleet, 60.0, 10.0, 1_000_000)),
+        *histories(recorded := History(fleet, 60.0, 10.0, 1_000_000), None),
         list_branch(recorded),
         cameras_branch(lambda robot, camera: {}),
         ASSETS,

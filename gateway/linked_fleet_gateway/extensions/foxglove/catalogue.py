@@ -8,7 +8,15 @@ import msgspec
 from linked_fleet_agent.wire.messages import PictureFormat
 from linked_fleet_gateway.api import Core, Right, robot_path
 from linked_fleet_gateway.extensions.cameras.cameras import camera_path, cameras_of
-from linked_fleet_gateway.extensions.foxglove.messages import OF_ROBOT, PART, PICTURES, SCENE, json_schema, schemas
+from linked_fleet_gateway.extensions.foxglove.messages import (
+    FLOOR,
+    OF_ROBOT,
+    PART,
+    PICTURES,
+    SCENE,
+    json_schema,
+    schemas,
+)
 from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter, Service, input_schema
 from linked_fleet_gateway.faces import Identity, RobotPart, named_poses, offers_at, parts_of
 from linked_fleet_gateway.fleet.robot import Robot
@@ -92,7 +100,8 @@ class Catalogue:
 
     def _find_channels(self, robots: Iterable[Robot]) -> Iterator[Channel]:
         schema = schemas()
-        yield Channel(self._id(SCENE), SCENE, schema[SCENE], None, SCENE)
+        for what in (SCENE, FLOOR):
+            yield Channel(self._id(what), what, schema[what], None, what)
         for robot in robots:
             with self._core.faults.guard(_PART, robot.name, "its channels"):
                 yield from self._channels_of(robot)

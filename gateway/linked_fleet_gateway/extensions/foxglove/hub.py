@@ -10,6 +10,7 @@ import time
 from collections import defaultdict
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Set
 from functools import partial
+from typing import TYPE_CHECKING
 
 from linked_fleet_gateway.api import Core, SubprotocolConnection, supervised, time_sliced
 from linked_fleet_gateway.base.errors import FleetError
@@ -19,11 +20,15 @@ from linked_fleet_gateway.extensions.foxglove import messages, protocol
 from linked_fleet_gateway.extensions.foxglove.catalogue import Catalogue, picture_format, topic
 from linked_fleet_gateway.extensions.foxglove.protocol import Channel
 from linked_fleet_gateway.extensions.foxglove.session import ERROR, Session
+from linked_fleet_gateway.extensions.world.floor_map import FloorMap
 from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.extensions.world.occupancy import OccupancyGrid
 
 log = logging.getLogger(__name__)
 
@@ -48,6 +53,7 @@ class Hub:
         self._shown: dict[str, bytes | None] = {}
         self._due_s = defaultdict[str, float](float)
         self._scene: tuple[Mapping[str, SceneObject], bytes] = {}, b""
+        self._floor: tuple[FloorMap | None, bytes] = None, b""
         self._tasks: dict[int, asyncio.Task[None]] = {}
 
     async def serve(self, conversation: SubprotocolConnection, _: object) -> None:
@@ -142,11 +148,15 @@ class Hub:
             self._rewatch()
         for session in self._sessions:
             session.news.set()
+        if any(self._catalogue.channels[number].what == messages.FLOOR for number in self._subscribers):
+            await self._draw_floor()
         for number in list(self._subscribers):
             channel = self._catalogue.channels[number]
             robot = self._core.robots.get(channel.robot or "")
             if channel.what == messages.SCENE:
                 self._tell(channel, self._scene_content())
+            elif channel.what == messages.FLOOR:
+                self._tell(channel, self._floor[1])
             elif channel.what == messages.LOG and robot is not None:
                 said = " ".join(filter(None, (robot.presence, robot.fault)))
                 at_ns = robot.last_seen_ns if robot.presence == "offline" else robot.heard_ns
@@ -172,6 +182,13 @@ class Hub:
             self._scene = dict(objects), messages.scene(objects, time.time_ns())
         return self._scene[1]
 
+    async def _draw_floor(self) -> None:
+        """Encode the map of the floor if it has changed."""
+        found = self._world.floor if self._world is not None else None
+        if not self._floor[1] or self._floor[0] is not found:
+            grid = await self._world.occupancy() if self._world is not None else None
+            self._floor = found, await asyncio.to_thread(_grid_message, grid)
+
     def hear(self, invocation: Invocation) -> None:
         """Send a changed invocation as an event of each of its robots."""
         for robot in (invocation.robots or (invocation.robot,)) if self._sessions else ():
@@ -193,3 +210,9 @@ class Hub:
             return
         frame = f"{source.robot.name}/{source.camera.link}"
         self._publish(channel, messages.picture(frame, found.content, format, found.moment.wall_ns))
+
+
+def _grid_message(grid: "OccupancyGrid | None") -> bytes:
+    from linked_fleet_gateway.extensions.foxglove.floor import floor_grid  # imports numpy
+
+    return floor_grid(grid, time.time_ns())

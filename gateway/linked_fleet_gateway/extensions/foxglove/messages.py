@@ -26,7 +26,7 @@ WORLD_FRAME = "world"
 STATES, TRANSFORMS, POSE = FRAMES = "joint_states", "tf", "pose"
 LOG, EVENTS = "log", "invocations"
 OF_ROBOT = (*FRAMES, LOG, EVENTS)
-SCENE, PICTURES, PART = "/world/objects", "cameras", "part"
+SCENE, FLOOR, PICTURES, PART = "/world/objects", "/world/map", "cameras", "part"
 LATEST_NS = 2**32 * 10**9 - 1
 """The latest time that a stamp of Foxglove can express, in 2106."""
 MESH_BYTES = 4 * 2**20
@@ -37,8 +37,8 @@ _COLORS = {"obstacle": (0.5, 0.5, 0.55, 0.9), "zone": (0.9, 0.1, 0.1, 0.3)}
 def schemas() -> "dict[str, Schema]":
     """Return the schemas of messages by kind of channel."""
     of_robot = (fox.JointStates, fox.FrameTransforms, fox.PoseInFrame, fox.Log, fox.Event)
-    kinds: tuple[Any, ...] = (*of_robot, fox.SceneUpdate, fox.CompressedImage)
-    return {what: kind.get_schema() for what, kind in zip((*OF_ROBOT, SCENE, PICTURES), kinds, strict=True)}
+    kinds: tuple[Any, ...] = (*of_robot, fox.SceneUpdate, fox.Grid, fox.CompressedImage)
+    return {what: kind.get_schema() for what, kind in zip((*OF_ROBOT, SCENE, FLOOR, PICTURES), kinds, strict=True)}
 
 
 def json_schema(name: str, schema: bytes) -> "Schema":
@@ -50,7 +50,7 @@ def joint_states(joints: Iterable[str], state: State) -> bytes:
     """Return a JointStates message. ``joints`` are the names in the order of the numbers of ``state``."""
     rows = zip(joints, state.positions, state.velocities, state.efforts, strict=True)
     found = [fox.JointState(name=name, position=p, velocity=v, effort=e) for name, p, v, e in rows]
-    return fox.JointStates(timestamp=_stamp(state.wall_ns), joints=found).encode()
+    return fox.JointStates(timestamp=stamp_of(state.wall_ns), joints=found).encode()
 
 
 def frame_of(robot: str, placement: Pose | None) -> str:
@@ -71,7 +71,7 @@ def link_poses(robot: Robot, placement: Pose | None) -> dict[str, Pose]:
 
 def transforms(robot: str, poses: Mapping[str, Pose], frame: str, stamp_ns: int) -> bytes:
     """Return a FrameTransforms message for ``poses`` of links in ``frame``."""
-    stamp = _stamp(stamp_ns)
+    stamp = stamp_of(stamp_ns)
     found = [
         fox.FrameTransform(
             timestamp=stamp,
@@ -86,16 +86,16 @@ def transforms(robot: str, poses: Mapping[str, Pose], frame: str, stamp_ns: int)
 
 
 def pose(place: Pose, frame: str, stamp_ns: int) -> bytes:
-    return fox.PoseInFrame(timestamp=_stamp(stamp_ns), frame_id=frame, pose=_pose(place)).encode()
+    return fox.PoseInFrame(timestamp=stamp_of(stamp_ns), frame_id=frame, pose=_pose(place)).encode()
 
 
 def picture(frame: str, content: bytes, format: str, stamp_ns: int) -> bytes:
-    return fox.CompressedImage(timestamp=_stamp(stamp_ns), frame_id=frame, data=content, format=format).encode()
+    return fox.CompressedImage(timestamp=stamp_of(stamp_ns), frame_id=frame, data=content, format=format).encode()
 
 
 def log(robot: str, message: str, warning: bool, stamp_ns: int) -> bytes:
     level = fox.LogLevel.Warning if warning else fox.LogLevel.Info
-    return fox.Log(timestamp=_stamp(stamp_ns), level=level, message=message, name=robot).encode()
+    return fox.Log(timestamp=stamp_of(stamp_ns), level=level, message=message, name=robot).encode()
 
 
 def event(robot: str, invocation: Invocation, stamp_ns: int) -> bytes:
@@ -104,13 +104,13 @@ def event(robot: str, invocation: Invocation, stamp_ns: int) -> bytes:
     if invocation.robot == robot:
         said |= {"id": invocation.id, "client": invocation.client, "reason": invocation.reason}
         said |= {"progress": f"{invocation.progress:.2f}"}
-    begin, end = _stamp(invocation.created_ns), _stamp(max(stamp_ns, invocation.created_ns))
+    begin, end = stamp_of(invocation.created_ns), stamp_of(max(stamp_ns, invocation.created_ns))
     return fox.Event(start_time=begin, end_time=end, metadata=_pairs(said)).encode()
 
 
 def scene(objects: Mapping[str, SceneObject], stamp_ns: int) -> bytes:
     """Return all objects and zones, replacing those before."""
-    stamp, room, entities = _stamp(stamp_ns), MESH_BYTES, list[fox.SceneEntity]()
+    stamp, room, entities = stamp_of(stamp_ns), MESH_BYTES, list[fox.SceneEntity]()
     for id, thing in objects.items():
         size = len(thing.geometry.stl) if isinstance(thing.geometry, TriangleMesh) else 0
         if size <= room:
@@ -143,7 +143,7 @@ def _pairs(said: Mapping[str, str]) -> "list[fox.KeyValuePair]":
     return [fox.KeyValuePair(key=key, value=value) for key, value in said.items() if value]
 
 
-def _stamp(stamp_ns: int) -> "fox.Timestamp":
+def stamp_of(stamp_ns: int) -> "fox.Timestamp":
     """Return the stamp, limited to what a message can express: the clock of a robot may have any value."""
     return fox.Timestamp(*divmod(min(max(stamp_ns, 0), LATEST_NS), 10**9))
 

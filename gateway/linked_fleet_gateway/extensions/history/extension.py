@@ -38,6 +38,7 @@ from linked_fleet_gateway.extensions.history.resources import (
     list_branch,
 )
 from linked_fleet_gateway.extensions.history.span import parse_span
+from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
 from linked_fleet_gateway.serving import WebLink, check_preconditions, link_header
 
@@ -118,6 +119,7 @@ class HistorySettings(Section):
 class HistoryExtension(Extension):
     name = "history"
     needs = ("models",)
+    uses = ("world",)
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
     at_root = ("history",)
@@ -135,10 +137,10 @@ class HistoryExtension(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        settings = core.section(HistorySettings)
+        settings, world = core.section(HistorySettings), core.optional_service(World)
         async with History(core.live.fleet, float(settings.s), float(settings.hz), settings.mb * 10**6) as history:
             yield Mount(
-                branches=(list_branch(history), *(history_branches(history) if settings.s else ())),
+                branches=(list_branch(history), *(history_branches(history, world) if settings.s else ())),
                 readers={RecordedHistory: read_history},
                 formats={"csv": ("CSV", "text/csv"), "mcap": ("MCAP", "application/vnd.mcap")},
                 services=(history,),

@@ -1,11 +1,12 @@
 """Histories as files: CSV (RFC 4180), and MCAP with ROS 2 messages.
 
-The MCAP files equal those of ``ros2 bag record /joint_states /robot_description /tf``, so that Foxglove, PlotJuggler
-and ROS 2 tools can open them.
+The MCAP files equal those of ``ros2 bag record /joint_states /robot_description /tf /tf_static /map``, so that
+Foxglove, PlotJuggler and ROS 2 tools can open them.
 """
 
 import csv
 import io
+import math
 import struct
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,8 +14,11 @@ from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_gateway.extensions.history.ground import Ground
 from linked_fleet_gateway.extensions.history.span import lexical_time
 from linked_fleet_gateway.extensions.history.track import Excerpt, Numbers, samples
+from linked_fleet_gateway.fleet.kinematics import compose
+from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import Unit
 
 if TYPE_CHECKING:
@@ -39,7 +43,34 @@ MSG: std_msgs/Header
 builtin_interfaces/Time stamp
 string frame_id
 {_TIME}"""
+_QUATERNION = f"""{_RULE}
+MSG: geometry_msgs/Quaternion
+float64 x
+float64 y
+float64 z
+float64 w
+"""
 _SCHEMAS = {
+    "nav_msgs/msg/OccupancyGrid": f"""std_msgs/Header header
+nav_msgs/MapMetaData info
+int8[] data
+{_RULE}
+MSG: nav_msgs/MapMetaData
+builtin_interfaces/Time map_load_time
+float32 resolution
+uint32 width
+uint32 height
+geometry_msgs/Pose origin
+{_RULE}
+MSG: geometry_msgs/Pose
+geometry_msgs/Point position
+geometry_msgs/Quaternion orientation
+{_RULE}
+MSG: geometry_msgs/Point
+float64 x
+float64 y
+float64 z
+{_QUATERNION}{_HEADER}""",
     "sensor_msgs/msg/JointState": f"""std_msgs/Header header
 string[] name
 float64[] position
@@ -70,14 +101,9 @@ MSG: geometry_msgs/Vector3
 float64 x
 float64 y
 float64 z
-{_RULE}
-MSG: geometry_msgs/Quaternion
-float64 x
-float64 y
-float64 z
-float64 w
-{_HEADER}""",
+{_QUATERNION}{_HEADER}""",
 }
+_WORLD = b"world"
 
 
 class Level(IntEnum):
@@ -112,25 +138,31 @@ def recording(
     urdf: bytes,
     log: Iterable[LogMessage] = (),
     metadata: Mapping[str, Mapping[str, str]] | None = None,
+    ground: Ground | None = None,
 ) -> bytes:
     """Return an MCAP file with the frames of an excerpt, at the times of the frames.
 
     It has ``/joint_states``, ``/robot_description`` (the ``urdf``, at the time of the first sample) and, for a floating
-    base, its pose in the world as ``/tf``. ``log`` is written as ``/rosout``; ``metadata`` are MCAP metadata records by
-    name.
+    base, its pose as ``/tf``: in the world with a ``ground``, else in its odometry frame, which has the same name. The
+    ground adds the placement of another robot as ``/tf_static``, and the map of the floor as ``/map``. ``log`` is
+    written as ``/rosout``; ``metadata`` are MCAP metadata records by name.
     """
     out, joints = io.BytesIO(), excerpt.joints
     file = mcap.Writer(out)
     file.start(profile="ros2", library="linked-fleet")
     states, description = _channel(file, "/joint_states", "JointState"), _channel(file, "/robot_description", "String")
     transforms = _channel(file, "/tf", "TFMessage") if joints.floating else 0
-    names, count = joints.names, len(joints.names)
+    names, count, root = joints.names, len(joints.names), joints.model.root
     for number, (stamp_ns, values) in enumerate(samples(excerpt)):
         if number == 0:
             file.add_message(description, stamp_ns, Cdr().string(urdf).message, stamp_ns)
+            if ground is not None:
+                _add_ground(file, ground, "" if joints.floating else root, stamp_ns)
         if transforms:
-            body = Cdr().count(1).stamp(stamp_ns).string(b"world").string(joints.model.root.encode())
-            file.add_message(transforms, stamp_ns, body.doubles(values[:7]).message, stamp_ns)
+            x, y, z, a, b, c, d = values[:7]
+            pose = Pose((x, y, z), (a, b, c, d))
+            placed = pose if ground is None else compose(ground.placement, pose)
+            file.add_message(transforms, stamp_ns, _transform(root, placed, stamp_ns), stamp_ns)
             values = values[13:]
         state = Cdr().stamp(stamp_ns).string(b"").count(count)
         for name in names:
@@ -146,6 +178,26 @@ def recording(
         file.add_metadata(name, dict(members))
     file.finish()  # type: ignore[no-untyped-call]
     return out.getvalue()
+
+
+def _add_ground(file: "mcap.Writer", ground: Ground, root: str, stamp_ns: int) -> None:
+    """Add the map, and the placement of a root link; ``root`` is empty if that moves."""
+    if root:
+        body = _transform(root, ground.placement, stamp_ns)
+        file.add_message(_channel(file, "/tf_static", "TFMessage"), stamp_ns, body, stamp_ns)
+    if (grid := ground.grid()) is not None and ground.floor is not None:
+        rows, columns = grid.cells.shape
+        x, y, yaw = grid.origin
+        said = Cdr().stamp(stamp_ns).string(_WORLD).stamp(ground.floor.created_ns).single(grid.resolution_m)
+        said = said.count(columns).count(rows).doubles((x, y, 0.0, 0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)))
+        said = said.count(grid.cells.size).octets(grid.cells.tobytes())
+        file.add_message(_channel(file, "/map", "OccupancyGrid"), stamp_ns, said.message, stamp_ns)
+
+
+def _transform(link: str, pose: Pose, stamp_ns: int) -> bytes:
+    """Return a TFMessage with the pose of a link in the world."""
+    body = Cdr().count(1).stamp(stamp_ns).string(_WORLD).string(link.encode())
+    return body.doubles((*pose.position_m, *pose.orientation_xyzw)).message
 
 
 def _channel(file: "mcap.Writer", topic: str, kind: str) -> int:
@@ -175,6 +227,15 @@ class Cdr:
 
     def octet(self, value: int) -> "Cdr":
         self._body.append(value)
+        return self
+
+    def octets(self, values: bytes) -> "Cdr":
+        self._body += values
+        return self
+
+    def single(self, value: float) -> "Cdr":
+        self._align(4)
+        self._body += struct.pack("<f", value)
         return self
 
     def stamp(self, stamp_ns: int) -> "Cdr":

@@ -37,6 +37,7 @@ from linked_fleet_gateway.extensions.history.describe import (
     page_of,
 )
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP, recording, table
+from linked_fleet_gateway.extensions.history.ground import ground_of
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.extensions.history.track import (
@@ -53,6 +54,7 @@ from linked_fleet_gateway.extensions.history.track import (
     samples,
 )
 from linked_fleet_gateway.extensions.models.geometry import SUFFIXES, file_name, mesh_path, urdf_with_mesh_addresses
+from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.faces import Describer, DescriptionTemplate, kind_of
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
@@ -90,11 +92,11 @@ class RecordedHistory:
     select_page: Callable[[Span], HistoryPage]
 
 
-def history_branches(history: History) -> tuple[RobotBranch, PropertyBranch]:
+def history_branches(history: History, world: World | None) -> tuple[RobotBranch, PropertyBranch]:
     """Return the branch of robots and that of measured properties."""
 
     def of_robot(view: RequestView, robot: Robot, rest: list[str]) -> Found:
-        found = _of_robot(history, view, robot)
+        found = _of_robot(history, world, view, robot)
         if rest == ["blueprint"]:
             return blueprint_of(found, view.base, (LF.HistoryShape,))
         return None if rest else found
@@ -109,13 +111,13 @@ def history_branches(history: History) -> tuple[RobotBranch, PropertyBranch]:
     return in_robot, PropertyBranch(SEGMENT, of_property, has_history)
 
 
-def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
+def _of_robot(history: History, world: World | None, view: RequestView, robot: Robot) -> Resource:
     path, title = robot_path(robot.name) + SEGMENT, f"History of {robot.name}"
     own, source = (path + "/blueprint",), Source(robot=robot)
 
     def shown(span: Span) -> HistoryPage:
         track, description = history.track(robot), robot.description
-        joints = _joints(track, robot)
+        joints, ground = _joints(track, robot), ground_of(world, robot)
         page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
 
         below = [each.removeprefix(robot_path(robot.name)) for each in measured_paths(robot)]
@@ -129,7 +131,7 @@ def _of_robot(history: History, view: RequestView, robot: Robot) -> Resource:
             return table(all_columns(robot.name, excerpt.joints), samples(excerpt))
 
         def mcap() -> bytes:
-            return recording(_kept(file, joints), _urdf(robot.name, description, view.base))
+            return recording(_kept(file, joints), _urdf(robot.name, description, view.base), ground=ground)
 
         documents = {CSV: Rendition(csv, _file(path, "csv")), MCAP: Rendition(mcap, _file(path, "mcap"))}
         resource = Resource(

@@ -31,8 +31,10 @@ from linked_fleet_gateway.api import (
     supervised,
 )
 from linked_fleet_gateway.extensions.history.files import MCAP, Level, LogMessage, recording
+from linked_fleet_gateway.extensions.history.ground import Ground, ground_of
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Excerpt, wall_ns
+from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, timestamp
@@ -58,6 +60,7 @@ class Job:
     urdf: bytes
     invocation: Invocation
     at_ns: int
+    ground: Ground | None = None
 
     @property
     def content(self) -> bytes:
@@ -67,7 +70,8 @@ class Job:
         text = f"{one.action}: {one.state}" + (f", {one.reason}" if one.reason else "")
         said = {"id": str(one.id), "action": one.action, "client": one.client, "state": one.state, "reason": one.reason}
         about = {name: str(value) for name, value in said.items() if value}
-        return recording(self.excerpt, self.urdf, [LogMessage(last_ns, level, self.robot, text)], {"invocation": about})
+        log = [LogMessage(last_ns, level, self.robot, text)]
+        return recording(self.excerpt, self.urdf, log, {"invocation": about}, self.ground)
 
 
 class Recorder:
@@ -76,8 +80,8 @@ class Recorder:
     Each robot has a folder; files are named by the time and id of their invocation.
     """
 
-    def __init__(self, core: Core, history: History, folder: Path) -> None:
-        self._core, self._history, self._folder = core, history, folder
+    def __init__(self, core: Core, history: History, world: World | None, folder: Path) -> None:
+        self._core, self._history, self._world, self._folder = core, history, world, folder
         self._begun_ns = time.time_ns()
         self._over: dict[str, bool] = {}  # by invocation id; oldest first
         self._last_s: dict[str, float] = {}
@@ -122,7 +126,8 @@ class Recorder:
         if now_s < self._last_s.get(name, -PAUSE_S) + PAUSE_S:
             return
         excerpt = track.excerpt(track.time_range[1] - SPAN_NS, None, MOST_FRAMES)
-        job = Job(name, excerpt, robot.description.urdf.encode(), replace(invocation), time.time_ns())
+        urdf, ground = robot.description.urdf.encode(), ground_of(self._world, robot)
+        job = Job(name, excerpt, urdf, replace(invocation), time.time_ns(), ground)
         try:
             self.waiting.put_nowait(job)
             self._last_s[name] = now_s
@@ -247,7 +252,7 @@ def _read(path: Path) -> bytes:
 
 class RecordingsExtension(Extension):
     name = "recordings"
-    uses = ("history",)
+    uses = ("history", "world")
     in_robot = (SEGMENT,)
 
     @asynccontextmanager
@@ -256,6 +261,6 @@ class RecordingsExtension(Extension):
         if history is None or not history.span_s:
             yield Mount()
             return
-        recorder = Recorder(core, history, core.state_path / "recordings")
+        recorder = Recorder(core, history, core.optional_service(World), core.state_path / "recordings")
         async with recorder.running() as branch:
             yield Mount(branches=(branch,), formats={"mcap": ("MCAP", MCAP)})

@@ -14,6 +14,7 @@ from websockets.exceptions import ConnectionClosed
 from browser import Browser
 from camera_robot import EYE, JPEG, CameraRobot
 from fake_robots import FakeRobot, open_session
+from floor_maps import FREE, UNKNOWN, WALL, pgm, upload, yaml
 from foxglove_client import Client, connected
 from linked_fleet_gateway.extensions.foxglove import messages
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
@@ -162,6 +163,20 @@ def test_objects_and_zones_are_shown_as_they_change(hall: Hall) -> None:
         for each in (crate, zone):
             assert hall.browser.http.delete(each).status_code == 204
         client.until(lambda: not client.message(0, "/world/objects").entities)
+
+
+def test_the_map_of_the_floor_is_shown_as_it_changes(hall: Hall) -> None:
+    address = f"{hall.place.root}world/map"
+    with connected(hall.place.root) as client:
+        client.subscribe("/world/map")
+        assert client.message(0, "/world/map").column_count == 1
+        image = pgm(((WALL, FREE, UNKNOWN), (WALL, FREE, FREE)))
+        assert upload(hall.browser.http, address, image, yaml(0.5, (1.0, -2.0, 0.0))).status_code == 204
+        grid = client.message(0, "/world/map")
+        assert (grid.frame_id, grid.column_count, len(grid.data)) == ("world", 3, 6 * grid.cell_stride)
+        assert (grid.pose.position.x, grid.cell_size.x) == (1.0, 0.5)
+        assert hall.browser.http.delete(address).status_code == 204
+        assert client.message(0, "/world/map").column_count == 1
 
 
 def test_a_robot_that_is_placed_moves_into_the_world(hall: Hall) -> None:

@@ -5,14 +5,19 @@ import io
 import math
 from typing import Any
 
+import pytest
 from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
+from floor_maps import FREE, UNKNOWN, WALL, pgm
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import Base, State
 from linked_fleet_gateway.extensions.history.files import recording, table
+from linked_fleet_gateway.extensions.history.ground import Ground
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, all_columns, samples
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_gateway.extensions.world.floor_map import MapSettings
+from linked_fleet_gateway.extensions.world.map_image import build_map
+from linked_fleet_gateway.fleet.model import Pose, RobotModel
 from linked_fleet_gateway.rdf.graph import NEWTON_METRE, RADIAN
 
 S = 1_000_000_000
@@ -65,6 +70,41 @@ def test_a_recording_of_a_floating_base_says_where_it_is() -> None:
     place, turn = transform.transform.translation, transform.transform.rotation
     assert (place.x, place.y, place.z) == BASE.position_m
     assert (turn.x, turn.y, turn.z, turn.w) == BASE.orientation_xyzw
+
+
+def ground(placement: Pose, mapped: bool = True) -> Ground:
+    settings = MapSettings(
+        resolution=0.5, origin=(1.0, -2.0, math.pi / 2), negate=False, occupied_thresh=0.65, free_thresh=0.196
+    )
+    image = pgm(((WALL, FREE, UNKNOWN), (WALL, FREE, FREE)))
+    floor = build_map(settings, image, title="hall", height_m=2.0, client="", now_ns=7 * S + 1) if mapped else None
+    return Ground(placement, floor)
+
+
+TURNED = Pose((10.0, 20.0, 0.0), (0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)))
+
+
+def test_a_recording_of_a_drive_has_the_map_and_the_base_in_its_frame() -> None:
+    said = messages(recording(excerpt((S, 0.25), (2 * S, 0.5), floating=True), b"<robot/>", ground=ground(TURNED)))
+    assert [topic for topic, _, _ in said].count("/map") == 1 and "/tf_static" not in {topic for topic, _, _ in said}
+    ((at, grid),) = [(at, body) for topic, at, body in said if topic == "/map"]
+    assert (at, grid.header.frame_id, grid.info.map_load_time.sec) == (S, "world", 7)
+    assert (grid.info.width, grid.info.height, grid.info.resolution) == (3, 2, 0.5)
+    origin = grid.info.origin
+    assert (origin.position.x, origin.position.y, origin.position.z) == (1.0, -2.0, 0.0)
+    assert (origin.orientation.z, origin.orientation.w) == pytest.approx((math.sqrt(0.5), math.sqrt(0.5)))
+    assert list(grid.data) == [100, 0, 0, 100, 0, -1]  # the lowest row first
+    moved = [body.transforms[0] for topic, _, body in said if topic == "/tf"]
+    assert len(moved) == 2 and moved[0].header.frame_id == "world"
+    place = moved[0].transform.translation
+    assert (place.x, place.y, place.z) == pytest.approx((10.0 - 2.0, 20.0 + 1.0, 3.0))
+
+
+def test_a_recording_of_a_robot_that_stands_says_where() -> None:
+    said = messages(recording(excerpt((S, 0.25), (2 * S, 0.5)), b"<robot/>", ground=ground(TURNED, mapped=False)))
+    assert {topic for topic, _, _ in said} == {"/joint_states", "/robot_description", "/tf_static"}
+    (only,) = [body.transforms for topic, _, body in said if topic == "/tf_static"]
+    assert (only[0].header.frame_id, only[0].child_frame_id, only[0].transform.translation.y) == ("world", "a", 20.0)
 
 
 def test_a_recording_of_nothing_can_be_opened() -> None:

@@ -17,6 +17,7 @@ from rdflib import Literal, URIRef
 
 from browser import HYBRIT, LF, ROS, SOSA, Browser, Page, links
 from fake_robots import KEYS, FakeRobot, open_session
+from floor_maps import FREE, UNKNOWN, WALL, pgm, upload, yaml
 from linked_fleet_agent.wire.codec import decode_state
 from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.extensions.history import recorder
@@ -24,6 +25,7 @@ from linked_fleet_gateway.extensions.history.span import lexical_time
 from linked_fleet_gateway.fleet.events import Payload
 from parallel import at_once
 from running import eventually
+from scene_client import put_robot
 from small_fleet import Place, live, presence
 from virtual.processes import gateway_session
 
@@ -169,6 +171,21 @@ def test_another_reader_opens_the_recording(moving: Moving) -> None:
     (model,) = [body.data for topic, _, body in messages if topic == "/robot_description"]
     mesh = model.split('<mesh filename="')[1].split('"')[0]
     assert moving.http.head(mesh).status_code == 200
+
+
+def test_the_recording_of_a_placed_robot_opens_with_the_map_of_the_floor(moving: Moving) -> None:
+    put_robot(moving.browser, "ur5", 1.0, 2.0, 0.5)
+    address = f"{moving.browser.root}world/map"
+    image = pgm(((WALL, FREE, UNKNOWN), (WALL, FREE, FREE)))
+    assert upload(moving.http, address, image, yaml(0.5, (1.0, -2.0, 0.0))).status_code == 204
+    answer = moving.http.get(moving.whole, params={"last": "PT2S", "as": "mcap"})
+    assert moving.http.delete(address).status_code == 204
+    reader = make_reader(io.BytesIO(answer.content), decoder_factories=[DecoderFactory()])
+    found = {channel.topic: body for _, channel, _, body in reader.iter_decoded_messages()}
+    assert (found["/map"].header.frame_id, list(found["/map"].data)) == ("world", [100, 0, 0, 100, 0, -1])
+    (placed,) = found["/tf_static"].transforms
+    at = placed.transform.translation
+    assert (placed.header.frame_id, at.x, at.y, at.z) == ("world", 1.0, 2.0, 0.5)
 
 
 def test_the_poses_of_links_are_remembered_too(moving: Moving) -> None:

@@ -54,7 +54,7 @@ class Bench(Recorder):
     def __init__(self, bench: Any, live: Live, folder: Path, robots: int) -> None:
         history = History(live.fleet, 300.0, 10.0, 10**6)
         nothing = cast(Any, None)
-        super().__init__(Core(live, nothing, nothing, None, "", "", "", (), folder), history, folder)
+        super().__init__(Core(live, nothing, nothing, None, "", "", "", (), folder), history, None, folder)
         live.fleet = bench.fleet
         for number in range(robots):
             robot = bench.robot({"pan": ("continuous", "")}, name=f"r{number}")
@@ -182,7 +182,7 @@ async def test_gateways_of_one_folder_keep_one_recording_of_an_invocation(made: 
     """Each of them records it, and they would not know each other's files before their next start."""
     one = made.begin(stops=())
     await made._write_next()
-    other = Recorder(made._core, made._history, made._folder)
+    other = Recorder(made._core, made._history, None, made._folder)
     await asyncio.sleep(1.0)
     other.record_outcome(one)
     await other._write_next()
