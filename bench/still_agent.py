@@ -8,8 +8,8 @@ import sys
 from collections.abc import Mapping
 
 from linked_fleet_agent.agent import Agent
-from linked_fleet_agent.link import RobotLink
 from linked_fleet_agent.robot import Facts, JointFacts, Limits, Reading
+from linked_fleet_agent.serving import link_of
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.zenoh_session import open_session
 
@@ -49,17 +49,12 @@ class Still:
 async def main() -> None:
     endpoint, joints, rate_hz = sys.argv[1], int(sys.argv[2]), float(sys.argv[3])
     agent, keys = Agent("still", Still(joints), rate_hz=rate_hz), Keys()
-    async with open_session((endpoint,)) as session:
-        link = RobotLink(
-            session, keys, robot=agent.name, incarnation=agent.incarnation, description=agent.description,
-            on_command=agent.handle, on_stop=agent.handle_stop, on_mesh=agent.mesh,
-        )  # fmt: skip
-        async with link:
-            running = asyncio.create_task(agent.run(link))
-            print("runs", flush=True)
-            await asyncio.to_thread(sys.stdin.read)
-            running.cancel()
-            await asyncio.wait([running])
+    async with open_session((endpoint,)) as session, link_of(agent, session, keys) as link:
+        running = asyncio.create_task(agent.run(link))
+        print("runs", flush=True)
+        await asyncio.to_thread(sys.stdin.read)
+        running.cancel()
+        await asyncio.wait([running])
 
 
 if __name__ == "__main__":

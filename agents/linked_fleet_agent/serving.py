@@ -8,7 +8,7 @@ import socket
 import sys
 from collections.abc import MutableSequence, Sequence
 from contextlib import AbstractAsyncContextManager
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from linked_fleet_agent.agent import Agent, new_incarnation
 from linked_fleet_agent.components import DeclarationError
@@ -206,22 +206,8 @@ class _Served:
                 agent = await self._loaded(Absent(place, f"{agent.name}: it has described itself anew"))
 
     async def _run(self, agent: Agent) -> None:
-        link = RobotLink(
-            self._session,
-            self._settings.keys,
-            robot=agent.name,
-            incarnation=agent.incarnation,
-            description=agent.description,
-            on_command=agent.handle,
-            on_stop=agent.handle_stop,
-            on_mesh=agent.mesh,
-            on_picture=agent.picture if agent.has_cameras else None,
-            on_operate=agent.handle_operate if agent.has_components else None,
-            on_values=agent.values if agent.has_components else None,
-            on_sample=agent.handle_sample if agent.has_components else None,
-            lease_ms=self._settings.lease_ms,
-            tracing=self._tracing,
-        )
+        settings = self._settings
+        link = link_of(agent, self._session, settings.keys, lease_ms=settings.lease_ms, tracing=self._tracing)
         async with link:
             await agent.run(link)
 
@@ -240,3 +226,22 @@ class _Served:
                 delay_s = min(2.0 * delay_s, LONGEST_DELAY_S)
         self._agents.append(agent)
         return agent
+
+
+def link_of(agent: Agent, session: Session, keys: Keys, **more: Any) -> RobotLink:
+    """Return the link of an agent on a session; ``more`` as for ``RobotLink``."""
+    return RobotLink(
+        session,
+        keys,
+        robot=agent.name,
+        incarnation=agent.incarnation,
+        description=agent.description,
+        on_command=agent.handle,
+        on_stop=agent.handle_stop,
+        on_mesh=agent.mesh,
+        on_picture=agent.picture if agent.has_cameras else None,
+        on_operate=agent.handle_operate if agent.has_components else None,
+        on_values=agent.values if agent.has_components else None,
+        on_sample=agent.handle_sample if agent.has_components else None,
+        **more,
+    )

@@ -55,11 +55,14 @@ class Driver:
         looks = {} if degrees is None else {"heading": {"value": degrees, "unit": UNIT + "DEG"}}
         return self.send({"position": point(x, y)} | looks | more, prefer)
 
-    def send(self, body: dict[str, Any], prefer: str = "") -> httpx.Response:
+    def near(self, thing: str) -> httpx.Response:
+        return self.send({"near": thing}, "", "driveNear")
+
+    def send(self, body: dict[str, Any], prefer: str = "", action: str = "driveTo") -> httpx.Response:
         headers = JSON | ({"prefer": prefer} if prefer else {})
 
         def answered() -> httpx.Response | None:
-            answer = self.browser.http.post(self.url, json=body, headers=headers, timeout=60)
+            answer = self.browser.http.post(self.url.replace("driveTo", action), json=body, headers=headers, timeout=60)
             return None if answer.status_code == 503 else answer
 
         return eventually(answered, "an answer that is not 503")
@@ -147,7 +150,7 @@ def test_a_robot_that_stands_in_the_way_for_ever_is_named(tiago: Driver, pmb2: D
 
 def test_near_a_thing_it_looks_at_it(tiago: Driver) -> None:
     iri = put_object(tiago.browser, crate("crate", 2.5, 1.0, 0.3))
-    answer = tiago.send({"near": iri})
+    answer = tiago.near(iri)
     assert answer.status_code == 204, answer.text
     tiago.end(answer.headers["location"])
     x, y, heading = tiago.at
@@ -222,7 +225,7 @@ def test_robots_that_follow_no_paths_do_not_offer_it(tiago: Driver) -> None:
 
 
 def test_what_is_no_thing_of_the_world_is_refused(tiago: Driver) -> None:
-    assert problem(tiago.send({"near": "http://elsewhere.example/x"}))[0] == 422
+    assert problem(tiago.near("http://elsewhere.example/x"))[0] == 422
     assert problem(tiago.send({"near": f"{tiago.browser.root}nobody/"}))[0] == 422
     assert problem(tiago.send({"near": f"{tiago.browser.root}tiago/"}))[0] == 422
-    assert problem(tiago.send({"near": f"{tiago.browser.root}tiago/", "position": point(1, 1)}))[0] == 422
+    assert problem(tiago.send({"near": f"{tiago.browser.root}pmb2/", "position": point(1, 1)}))[0] == 422

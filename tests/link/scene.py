@@ -7,7 +7,7 @@ from typing import Self
 
 from bench.still_agent import Still
 from linked_fleet_agent.agent import Agent
-from linked_fleet_agent.link import RobotLink
+from linked_fleet_agent.serving import link_of
 from linked_fleet_agent.transport import Session
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Move
@@ -25,10 +25,7 @@ class Robot:
     def __init__(self, session: Session, name: str) -> None:
         agent = self._agent = Agent(name, Still(1), rate_hz=_RATE_HZ)
         self.name, self.incarnation = name, agent.incarnation
-        self.link = RobotLink(
-            session, Keys(), robot=name, incarnation=agent.incarnation, description=agent.description,
-            on_command=agent.handle, on_stop=agent.handle_stop,
-        )  # fmt: skip
+        self.link = link_of(agent, session, Keys())
         self._open = AsyncExitStack()
 
     async def appear(self) -> Self:

@@ -61,7 +61,11 @@ def test_each_thing_links_the_actions_of_its_kind(browser: Browser, tiago: Comma
     assert _kinds(browser, browser.page(browser.root)) == _KINDS[LF.Fleet]
     for robot in browser.robots():
         more = set() if robot.url.endswith("turntable/") else {LF.AssumePose}
-        more |= {LF.Relocalise} if (robot.iri, LF.baseMobility, rdflib.Literal("floating")) in robot.graph else set()
+        more |= (
+            {LF.Relocalise, LF.DriveTo, LF.DriveNear}
+            if (robot.iri, LF.baseMobility, rdflib.Literal("floating")) in robot.graph
+            else set()
+        )
         assert _kinds(browser, robot) == _KINDS[LF.Robot] | more, robot.url
     turning = browser.part("turntable", "turn")
     for joint in (turning, *(browser.page(tiago.joints[title]) for title in ("arm_1_joint", "torso_lift_joint"))):

@@ -101,6 +101,7 @@ def test_each_kind_of_action_has_a_file_and_a_handler() -> None:
         LF.Reach,
         WORLD_LF.Relocalise,
         NAVIGATION_LF.DriveTo,
+        NAVIGATION_LF.DriveNear,
     }
     for one in action_definitions():
         assert not any(

@@ -1,4 +1,4 @@
-"""The action ``driveTo``: what is asked for, and its invocation."""
+"""The actions ``driveTo`` and ``driveNear``: what is asked for, and their invocations."""
 
 import math
 import time
@@ -12,6 +12,7 @@ from linked_fleet_gateway.api import (
     Conflict,
     Core,
     Graph,
+    Invocation,
     NamedNode,
     Operation,
     Robot,
@@ -35,7 +36,8 @@ from linked_fleet_gateway.rdf.graph import METRE, RADIAN, Node
 from linked_fleet_gateway.rdf.vocabulary import MATHS
 from linked_fleet_gateway.serving import Caller
 
-LF = WORLD_TERMS.extended("DriveTo Arrival near corridor start end width heading positionError headingError")
+LF = WORLD_TERMS.extended("DriveTo DriveNear Arrival near corridor start end width heading positionError headingError")
+SEGMENTS = ("driveTo", "driveNear")
 NEWER = "a newer drive of the base has taken over"
 _USED = 0.7
 """The share of its speed by which a base follows a path."""
@@ -114,7 +116,7 @@ def _path(request: ActionRequest, node: Node | None) -> str | None:
 
 
 class DriveTo:
-    """Plans the action."""
+    """Plans both actions."""
 
     def __init__(self, core: Core, world: World, traffic: Traffic) -> None:
         self._core, self._world, self._traffic = core, world, traffic
@@ -178,7 +180,7 @@ class DriveTo:
             raise Busy(_sentence(error)) from error
 
     async def _end_earlier(self, robot: Robot, call: Call) -> None:
-        for one in self._core.running(action_of(robot.name)):
+        for one in drives_of(self._core, robot.name):
             if one.id != call.id:
                 await self._core.cancel(one.id, NEWER)
 
@@ -189,9 +191,9 @@ class DriveTo:
             raise DriveFailed(_sentence(error)) from error
 
 
-def action_of(robot: str) -> str:
-    """Return the path of the action of a robot."""
-    return f"{robot_path(robot)}actions/driveTo"
+def drives_of(core: Core, robot: str) -> list[Invocation]:
+    """Return the drives of a robot to a goal that have not ended, at whichever gateway."""
+    return [one for each in SEGMENTS for one in core.running(f"{robot_path(robot)}actions/{each}")]
 
 
 def _path_of(name: str) -> str:

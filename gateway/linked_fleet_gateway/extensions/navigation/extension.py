@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from linked_fleet_gateway.api import Core, Extension, Mount
-from linked_fleet_gateway.extensions.navigation.drive_to import LF, DriveTo, action_of
+from linked_fleet_gateway.extensions.navigation.drive_to import LF, DriveTo, drives_of
 from linked_fleet_gateway.extensions.navigation.messages import EDGE, MAP, Answer, PlanFailed, PlanWay
 from linked_fleet_gateway.extensions.navigation.traffic import Traffic
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS
@@ -37,7 +37,7 @@ class NavigationExtension(Extension):
                 return PlanFailed("the planner gave no answer in time")
 
         def is_driven(name: str) -> bool:
-            return bool(name) and bool(core.running(action_of(name)))
+            return bool(name) and bool(drives_of(core, name))
 
         def title(name: str) -> str:
             if name == MAP:
@@ -49,7 +49,8 @@ class NavigationExtension(Extension):
                 return "an object that is gone" if thing is None else thing.title
             return name or "another robot"
 
+        drive = DriveTo(core, world, Traffic(plan, is_driven, title)).plan
         try:
-            yield Mount(handlers={LF.DriveTo: DriveTo(core, world, Traffic(plan, is_driven, title)).plan})
+            yield Mount(handlers={LF.DriveTo: drive, LF.DriveNear: drive})
         finally:
             await process.end()
