@@ -22,8 +22,8 @@ _PAGES = [
         *(ROOT / folder / "README.md" for folder in ("agents", "shapes", "examples")),
     } - {*_FIRST}),
 ]  # fmt: skip
-_ALONE = (_EXTENSIONS / "world/README.md",)
-"""It puts a thing next to a robot that other pages move."""
+_ALONE = (_EXTENSIONS / "world/README.md", ROOT / "docs" / "FLOOR.md")
+"""They put things next to robots that other pages move."""
 _PAGES.sort(key=lambda page: page not in _ALONE)
 
 
