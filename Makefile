@@ -48,6 +48,7 @@ THINGS := gateway/linked_fleet_gateway/extensions/things/tests
 NODE_WOT := $(THINGS)/node_modules/.package-lock.json
 SHACL_SUITE := build/shacl-suite/core/manifest.ttl
 STRANGERS := build/strangers/stamp
+CLIENTS := build/clients/stamp
 DEMO_PACKAGES := -e './agents[sim]' -e '.[mcp,foxglove]'
 TEST_PACKAGES := -e './agents[sim]' -e '.[mcp,foxglove,test]'
 ALL_PACKAGES := -e './agents[sim,ros,tracing]' -e '.[dev,bench]'
@@ -130,7 +131,7 @@ tools:
 
 # Tests on clusters, long histories, most tests with a browser, foreign programs or many processes, and all examples of properties.
 test-long: export LONG_TESTS := 1
-test-long: .venv/stamp $(ASSETS) $(NODE_WOT) $(STRANGERS) chromium egl java tools helm
+test-long: .venv/stamp $(ASSETS) $(NODE_WOT) $(STRANGERS) $(CLIENTS) chromium egl java tools helm
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) -m 'test_all or hypothesis' $(LONG_ARGS)
 
 test-all: test test-long fuzz soak fleet-check
@@ -283,6 +284,12 @@ $(STRANGERS): tests/strangers/packages.txt | .venv/stamp
 	@rm -rf build/strangers && mkdir -p build/strangers
 	@PIP_CONSTRAINT= $(BIN)/python -m pip download -q --no-deps --only-binary :all: --python-version 3.11 \
 	  --platform manylinux2014_x86_64 --platform any -r $< -d build/strangers
+	@touch $@
+
+$(CLIENTS): tests/strangers/clients.txt | .venv/stamp
+	@echo "Fetching programs of other people that drive robots."
+	@rm -rf build/clients && mkdir -p build/clients
+	@PIP_CONSTRAINT= $(BIN)/python -m pip install -q --no-deps --only-binary :all: -r $< --target build/clients
 	@touch $@
 
 # One environment in two steps: the packages of the demo, then the tools. Later runs of make reuse it and contact no
