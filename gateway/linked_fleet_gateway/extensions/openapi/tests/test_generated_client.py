@@ -15,6 +15,11 @@ from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 _NAME = "made_of_openapi"
+_BYTES = (
+    "application/sparql-query", "application/sparql-update", "application/yaml", "image/png",
+    "image/x-portable-graymap",
+)  # fmt: skip
+"""Media types that the generator does not know, and is told to take as bytes."""
 _SUCCEEDED = "https://w3id.org/linked-fleet#succeeded"
 _ELBOW = {"robot": "ur5", "joint": "elbow_joint"}
 RAD = "http://qudt.org/vocab/unit/RAD"
@@ -37,8 +42,7 @@ def client(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 
 def _generate(folder: Path, description: bytes) -> None:
     (folder / "openapi.json").write_bytes(description)
-    sparql = "".join(f"  application/sparql-{each}: application/octet-stream\n" for each in ("query", "update"))
-    texts = f"content_type_overrides:\n{sparql}"
+    texts = "content_type_overrides:\n" + "".join(f"  {each}: application/octet-stream\n" for each in _BYTES)
     (folder / "config.yml").write_text(f"package_name_override: {_NAME}\nliteral_enums: true\npost_hooks: []\n{texts}")
     tool = str(Path(sys.executable).parent / "openapi-python-client")
     said = [tool, "generate", "--path", "openapi.json", "--config", "config.yml", "--meta", "none", "--fail-on-warning"]
