@@ -16,7 +16,14 @@ from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
-from linked_fleet_gateway.extensions.world.driving import Driving, valid_until_ns
+from linked_fleet_gateway.extensions.world.driving import (
+    Driving,
+    apart_m,
+    coast_m,
+    odometry_of,
+    points_along,
+    valid_until_ns,
+)
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
 from linked_fleet_gateway.extensions.world.jogging import Jogs
@@ -183,11 +190,11 @@ class Checks:
         """Return the path that the base of a robot with a placement follows."""
         return self._driving.path_of(robot) if is_placed(robot) else None
 
-    def is_somebody_near(self, robot: Robot, within_m: float) -> bool:
-        """Return True if another robot may be within a distance of the way of a robot. Raises Unchecked."""
-        here = base_of(robot, ALL).position_m
+    def is_somebody_near(self, robot: Robot, path: FollowedPath) -> bool:
+        """Return True if another robot may be near the way of a robot, or come there in a second. Raises Unchecked."""
+        way = points_along(base_of(robot, ALL), odometry_of(robot), path)
         return any(
-            math.dist(base_of(each, ALL).position_m, here) <= within_m + self._preparation.reach_m(robot, each)
+            apart_m(base_of(each, ALL), way) <= self._preparation.reach_m(robot, each) + coast_m(each)
             for each in self._live.fleet.robots.values()
             if each is not robot and is_placed(each)
         )

@@ -2,7 +2,8 @@
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import pairwise
 
 from msgspec.structs import replace
 
@@ -11,7 +12,7 @@ from linked_fleet_agent.planar import STANDING, Velocity
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.plane import positions_of
 from linked_fleet_gateway.faces import path_ahead
-from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath
+from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath, relative
 from linked_fleet_gateway.fleet.kinematics import base_pose
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
@@ -54,6 +55,36 @@ def valid_until_ns(robot: Robot) -> int:
     """Return until when a way that is found free now may be begun, by the robot's clock."""
     assert robot.frame is not None
     return robot.frame.monotonic_ns + round(REACTION_S * 1e9)
+
+
+def points_along(base: Pose, here: planar.Pose | None, path: FollowedPath) -> list[tuple[float, float]]:
+    """Return the points on the floor of the world through which a path leads a base, from where that is."""
+    found, heading = [base.position_m[:2]], heading_of(base) or 0.0
+    if here is None:
+        return found
+    for each in path.poses:
+        x, y, _ = relative(each, here)
+        cosine, sine = math.cos(heading), math.sin(heading)
+        found.append((found[0][0] + x * cosine - y * sine, found[0][1] + x * sine + y * cosine))
+    return found
+
+
+def apart_m(base: Pose, way: Sequence[tuple[float, float]]) -> float:
+    """Return how far a base is from a way on the floor."""
+    x, y, _ = base.position_m
+    nearest = math.dist((x, y), way[0])
+    for (x1, y1), (x2, y2) in pairwise(way):
+        square = (x2 - x1) ** 2 + (y2 - y1) ** 2
+        share = ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / square if square else 0.0
+        share = min(max(share, 0.0), 1.0)
+        nearest = min(nearest, math.dist((x, y), (x1 + share * (x2 - x1), y1 + share * (y2 - y1))))
+    return nearest
+
+
+def coast_m(robot: Robot) -> float:
+    """Return how far a base that moves may come meanwhile."""
+    linear, lateral, _ = velocity_of(robot)
+    return _NEAR_M + COAST_S * math.hypot(linear, lateral)
 
 
 def _facing(path: FollowedPath, here: planar.Pose | None) -> FollowedPath:

@@ -117,10 +117,10 @@ class PathWatch:
             held = self._watched[robot.name] = _Watched(run.id, now, path.poses[-1])
         if here is None:
             return
-        far_m, whole = stopping_m(velocity_of(robot), path), not held.covers(path, now)
+        soon, whole = beginning(path, here, stopping_m(velocity_of(robot), path)), not held.covers(path, now)
         try:
-            if whole or self._checks.is_somebody_near(robot, far_m):
-                await self._checks.check_ahead(robot, path if whole else beginning(path, here, far_m), run.id)
+            if whole or self._checks.is_somebody_near(robot, soon):
+                await self._checks.check_ahead(robot, path if whole else soon, run.id)
                 held.surroundings, held.end = now, path.poses[-1] if whole else held.end
         except Collides as error:
             await self._end(run, AHEAD + error.reason)
