@@ -247,20 +247,12 @@ class PosesAhead:
 
         The last pose stays.
         """
-        while len(self.poses) > 1 and _to_leg_m(pose, *self.poses[:2]) < _to_leg_m(pose, self._before, self.poses[0]):
+        while len(self.poses) > 1 and pose.to_leg_m(*self.poses[:2]) < pose.to_leg_m(self._before, self.poses[0]):
             self._before = self.poses.pop(0)
 
     def clear(self) -> None:
         """Leave out all: the base does not follow the path any more."""
         self.poses.clear()
-
-
-def _to_leg_m(at: Pose, start: Pose, end: Pose) -> float:
-    """Return how far a pose is from the straight way between two others."""
-    along, length = (end.x - start.x, end.y - start.y), math.hypot(end.x - start.x, end.y - start.y)
-    share = ((at.x - start.x) * along[0] + (at.y - start.y) * along[1]) / max(length**2, 1e-12)
-    share = min(max(share, 0.0), 1.0)
-    return math.hypot(at.x - start.x - share * along[0], at.y - start.y - share * along[1])
 
 
 class Tracker:

@@ -47,6 +47,17 @@ class Pose(NamedTuple):
         """Return how far another pose is ahead of this one; one that is behind has a negative distance."""
         return (other.x - self.x) * math.cos(self.heading) + (other.y - self.y) * math.sin(self.heading)
 
+    def between(self, other: "Pose", share: float) -> "Pose":
+        """Return the pose after a share of the straight way to another one, on which the heading changes evenly."""
+        return Pose(*(at + share * (to - at) for at, to in zip(self, other, strict=True)))
+
+    def to_leg_m(self, start: "Pose", end: "Pose") -> float:
+        """Return how far it is from the straight way between two others."""
+        along, square = (end.x - start.x, end.y - start.y), (end.x - start.x) ** 2 + (end.y - start.y) ** 2
+        share = ((self.x - start.x) * along[0] + (self.y - start.y) * along[1]) / square if square else 0.0
+        at = start.between(end, min(max(share, 0.0), 1.0))
+        return math.hypot(self.x - at.x, self.y - at.y)
+
     def error_of(self, other: "Pose") -> tuple[float, float]:
         """Return how far another pose is away: the distance, and the turn without its sign."""
         turn = math.remainder(other.heading - self.heading, math.tau)

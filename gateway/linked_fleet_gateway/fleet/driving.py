@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from msgspec import Struct
 
@@ -15,6 +15,8 @@ Point = tuple[float, float]
 _STEP_S = 0.02
 _NO_WAY_M = 1e-4
 _APART_M, _APART_RAD = 0.02, 0.03
+_TURN_RAD, _SPOT_M = math.radians(10.0), 0.05
+"""A turn is split so that the corners of a robot leave the hull of both ends by 0.4 % of its radius."""
 _SLOWEST_M_S, _SLOWEST_RAD_S = 0.02, 0.03
 
 
@@ -68,12 +70,7 @@ class Drive(Struct, frozen=True):
 
     def fitting_share(self, free: float) -> float:
         """Return the share of the speed at which only the share ``free`` of its way is needed."""
-        braking_s = self.limits.braking_s(self.velocity)
-        before_s = self.duration_s + REACTION_S
-        there_s = free * (before_s + braking_s / 2.0)
-        if not braking_s:
-            return free
-        return (math.sqrt(before_s**2 + 2.0 * braking_s * there_s) - before_s) / braking_s
+        return fitting_share(free, self.duration_s, self.limits.braking_s(self.velocity))
 
     def _steps(self, now: Velocity, meanwhile: Velocity, reaction_s: float) -> Iterator[Pose]:
         """Yield the poses after each step. The request holds for a step longer, since agents act once in a tick."""
@@ -87,6 +84,15 @@ class Drive(Struct, frozen=True):
             linear, lateral, angular = (_STEP_S / 2 * (at + to) for at, to in zip(before, velocity, strict=True))
             pose = pose.moved(linear, angular, lateral)
             yield pose
+
+
+def fitting_share(free: float, duration_s: float, braking_s: float) -> float:
+    """Return the share of a speed, held for a time and then braked, at which only a share of its way is needed."""
+    before_s = duration_s + REACTION_S
+    there_s = free * (before_s + braking_s / 2.0)
+    if not braking_s:
+        return free
+    return (math.sqrt(before_s**2 + 2.0 * braking_s * there_s) - before_s) / braking_s
 
 
 class FollowedPath(Struct, frozen=True):
@@ -112,27 +118,54 @@ class FollowedPath(Struct, frozen=True):
         Between two poses position and heading change evenly.
         """
         points = [(now.x, now.y), *((each.x, each.y) for each in self.poses)]
-        through = tuple(relative(each, now) for each in self._along(now, points, self.poses))
+        exact = self._through(now, self.poses)
         cut = _cut(points)
         headings = [*(Pose(x, y, math.nan) for x, y in cut[1:-1]), self.poses[-1]]
-        around = tuple(relative(each, now) for each in self._along(now, cut, headings))
-        return (through,) if self.lateral or self.docks or len(cut) == len(points) else (through, around)
+        around = self._through(now, headings)
+        return (exact,) if self.lateral or self.docks or len(cut) == len(points) else (exact, around)
 
-    def _along(self, now: Pose, points: Sequence[Point], poses: Sequence[Pose]) -> Iterator[Pose]:
-        heading = now.heading
-        reverse = self.reverse or (self.docks and now.ahead_m(poses[0]) < 0.0)
-        for (x, y), target in zip(points, poses, strict=False):
-            if not self.lateral and math.hypot(target.x - x, target.y - y) > _NO_WAY_M:
-                ahead = math.atan2(target.y - y, target.x - x) + (math.pi if reverse else 0.0)
-                heading += math.remainder(ahead - heading, math.tau)
-                yield Pose(x, y, heading)
-            elif self.lateral and math.isfinite(target.heading):
-                heading += math.remainder(target.heading - heading, math.tau)
-            yield Pose(target.x, target.y, heading)
-            reverse = self.reverse
-        last = poses[-1]
-        if math.isfinite(last.heading):
-            yield Pose(last.x, last.y, heading + math.remainder(last.heading - heading, math.tau))
+    def _through(self, now: Pose, poses: Sequence[Pose]) -> tuple[Pose, ...]:
+        first = self.reverse or (self.docks and now.ahead_m(poses[0]) < 0.0)
+        backwards = [first, *[self.reverse] * (len(poses) - 1)]
+        return tuple(relative(each, now) for each in through(now, poses, self.lateral, backwards))
+
+
+def through(start: Pose, poses: Sequence[Pose], lateral: bool, backwards: Sequence[bool] = ()) -> Iterator[Pose]:
+    """Yield the poses of a base on its way through some, between which position and heading change evenly.
+
+    One that is not ``lateral`` turns on the spot before each leg, away from the next pose if that leg is ``backwards``.
+    """
+    at, heading = start, start.heading
+    for target, is_backwards in zip(poses, backwards or itertools.repeat(False), strict=False):
+        if not lateral and math.hypot(target.x - at.x, target.y - at.y) > _NO_WAY_M:
+            ahead = math.atan2(target.y - at.y, target.x - at.x) + (math.pi if is_backwards else 0.0)
+            heading += math.remainder(ahead - heading, math.tau)
+            yield Pose(at.x, at.y, heading)
+        elif lateral and math.isfinite(target.heading):
+            heading += math.remainder(target.heading - heading, math.tau)
+        at = Pose(target.x, target.y, heading)
+        yield at
+    if poses and math.isfinite(poses[-1].heading):
+        yield at._replace(heading=heading + math.remainder(poses[-1].heading - heading, math.tau))
+
+
+def pieces(start: Pose, way: Iterable[Pose]) -> Iterator[Sequence[Pose]]:
+    """Yield the poses of the pieces of a way: those of a turn on the spot, else two with little turn between them."""
+    for one, other in itertools.pairwise((start, *way)):
+        count = max(1, math.ceil(abs(other.heading - one.heading) / _TURN_RAD))
+        steps = [one.between(other, index / count) for index in range(count + 1)]
+        if math.dist(one[:2], other[:2]) < _SPOT_M:
+            yield steps
+        else:
+            yield from itertools.pairwise(steps)
+
+
+def placed(pose: Pose, at: Pose) -> Pose:
+    """Return a pose that is given in the frame of another one. The inverse of ``relative``."""
+    cosine, sine = math.cos(at.heading), math.sin(at.heading)
+    return Pose(
+        at.x + pose.x * cosine - pose.y * sine, at.y + pose.x * sine + pose.y * cosine, at.heading + pose.heading
+    )
 
 
 def relative(pose: Pose, to: Pose) -> Pose:

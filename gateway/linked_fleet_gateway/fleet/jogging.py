@@ -8,7 +8,7 @@ from typing import Any
 from msgspec import Struct
 
 from linked_fleet_agent.joint_ramp import Velocities, ramp_s, toward
-from linked_fleet_gateway.fleet.driving import REACTION_S
+from linked_fleet_gateway.fleet.driving import REACTION_S, fitting_share
 
 _STEP_S = 0.02
 _APART = 0.05
@@ -51,11 +51,7 @@ class JointDrive(Struct, frozen=True):
 
     def fitting_share(self, free: float) -> float:
         """Return the share of the speed at which only the share ``free`` of its way is needed."""
-        braking_s, before_s = ramp_s(self.velocities, {}, self.accelerations), self.duration_s + REACTION_S
-        there_s = free * (before_s + braking_s / 2.0)
-        if not braking_s:
-            return free
-        return (math.sqrt(before_s**2 + 2.0 * braking_s * there_s) - before_s) / braking_s
+        return fitting_share(free, self.duration_s, ramp_s(self.velocities, {}, self.accelerations))
 
     def ways(self, now: Velocities, before: Velocities | None = None) -> tuple[Way, ...]:
         """Return the ways until the joints stand, each as how far they have gone.

@@ -38,6 +38,7 @@ from linked_fleet_gateway.extensions.navigation.messages import (
 )
 from linked_fleet_gateway.extensions.navigation.region import Bools, region
 from linked_fleet_gateway.extensions.navigation.shortest import DIAGONAL, STRAIGHT, search
+from linked_fleet_gateway.fleet.driving import through
 
 Costs = npt.NDArray[np.uint8]
 MARGIN_M = 0.08
@@ -261,18 +262,9 @@ class _Plan:
 
     def _poses(self, way: Sequence[Pose]) -> Iterator[Pose]:
         """Yield the poses of a way a few centimetres and degrees apart."""
-        at = self._asked.start
-        for end in way:
-            ahead = math.atan2(end.y - at.y, end.x - at.x)
-            if not self._asked.lateral and math.dist(at[:2], end[:2]) > 1e-6:
-                turned = at._replace(heading=at.heading + math.remainder(ahead - at.heading, math.tau))
-                yield from _between(at, turned)
-                at = turned
-                there = Pose(end.x, end.y, at.heading)
-                yield from _between(at, there)
-                at = there
-        last = way[-1] if way else at
-        yield from _between(at, last._replace(heading=at.heading + math.remainder(last.heading - at.heading, math.tau)))
+        start = self._asked.start
+        for one, other in pairwise((start, *through(start, way, self._asked.lateral))):
+            yield from _between(one, other)
 
     def _shut(self, cost: Costs, stuck: Pose, goals: set[int]) -> bool:
         """Shut the cells around a pose. Return False if that is the start or the goal."""
@@ -334,4 +326,4 @@ def _between(start: Pose, end: Pose) -> Iterator[Pose]:
     """Yield poses from one to another, without the first."""
     count = max(1, math.ceil(math.dist(start[:2], end[:2]) / 0.04), math.ceil(abs(end.heading - start.heading) / 0.08))
     for index in range(1, count + 1):
-        yield Pose(*(at + index / count * (to - at) for at, to in zip(start, end, strict=True)))
+        yield start.between(end, index / count)

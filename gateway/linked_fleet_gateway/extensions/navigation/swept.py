@@ -6,40 +6,16 @@ from itertools import pairwise
 
 from linked_fleet_agent.planar import Pose
 from linked_fleet_gateway.extensions.navigation.messages import Point, Polygon
+from linked_fleet_gateway.fleet.driving import pieces, through
 
 MARGIN_M = 0.1
-_TURN_RAD = math.radians(20.0)
 
 
 def swept(outline: Polygon, start: Pose, way: Sequence[Pose], lateral: bool) -> Iterator[Polygon]:
     """Yield convex polygons that contain the base on its way, with a margin: one for each leg, and for each turn."""
     wide = [_widened(each) for each in outline]
-    for piece in _pieces(start, way, lateral):
+    for piece in pieces(start, through(start, way, lateral)):
         yield hull([corner for pose in piece for corner in _placed(wide, pose)])
-
-
-def _pieces(start: Pose, way: Sequence[Pose], lateral: bool) -> Iterator[list[Pose]]:
-    at = start
-    for end in way:
-        ahead = math.atan2(end.y - at.y, end.x - at.x) if math.dist(at[:2], end[:2]) > 1e-6 else at.heading
-        turned = _turn_to(at, end.heading if lateral else ahead)
-        yield turned
-        at = Pose(end.x, end.y, turned[-1].heading)
-        yield [turned[0], *turned[-1:], at] if lateral else [turned[-1], at]
-    if way:
-        yield _turn_to(at, way[-1].heading)
-
-
-def _turn_to(at: Pose, heading: float) -> list[Pose]:
-    """Return the poses of a turn on the spot."""
-    heading = at.heading + math.remainder(heading - at.heading, math.tau)
-    return [at, *_turned(at, heading)]
-
-
-def _turned(at: Pose, heading: float) -> Iterator[Pose]:
-    count = math.ceil(abs(heading - at.heading) / _TURN_RAD)
-    for index in range(1, count + 1):
-        yield at._replace(heading=at.heading + index / count * (heading - at.heading))
 
 
 def _widened(corner: Point) -> Point:

@@ -6,7 +6,6 @@ highest point.
 
 import math
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
 from typing import NamedTuple
 
 import coal
@@ -17,12 +16,11 @@ from linked_fleet_agent.planar import Pose
 from linked_fleet_gateway.extensions.world.corners import RING
 from linked_fleet_gateway.extensions.world.robot import Body
 from linked_fleet_gateway.extensions.world.surfaces import Array, convex_hull
+from linked_fleet_gateway.fleet.driving import pieces
 
 _DIRECTIONS = np.array([(math.cos(angle), math.sin(angle)) for angle in np.arange(64) * math.tau / 64])
 """A hull has the points that are the furthest in these directions: 0.1 % of its radius may be missing."""
-_TURN_RAD = math.radians(10.0)
-"""A turn is split so that the corners of a robot leave the hull of both ends by 0.4 % of its radius."""
-_THIN_M, _SPOT_M = 1e-3, 0.05
+_THIN_M = 1e-3
 
 
 class Outline(NamedTuple):
@@ -69,22 +67,8 @@ def swept(shape: Outline, way: Sequence[Pose]) -> Iterator[coal.CollisionGeometr
 
 def plans_along(shape: Outline, way: Sequence[Pose]) -> Iterator[Array]:
     """Yield the corners (N, 2) of what a robot covers on each piece of a way from the origin."""
-    for piece in _pieces(way):
+    for piece in pieces(Pose(), way):
         yield hull_of(np.concatenate([shape.at(each) for each in piece]))
-
-
-def _pieces(way: Sequence[Pose]) -> Iterator[Sequence[Pose]]:
-    """Yield the poses of the pieces of a way: those of a turn on the spot, else two with little turn between them."""
-    for start, end in pairwise((Pose(), *way)):
-        count = max(1, math.ceil(abs(end.heading - start.heading) / _TURN_RAD))
-        steps = [
-            Pose(*(at + index / count * (to - at) for at, to in zip(start, end, strict=True)))
-            for index in range(count + 1)
-        ]
-        if math.dist(start[:2], end[:2]) < _SPOT_M:
-            yield steps
-        else:
-            yield from pairwise(steps)
 
 
 def _points(body: Body, at: pin.SE3) -> Array:

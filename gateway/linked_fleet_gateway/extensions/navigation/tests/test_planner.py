@@ -141,6 +141,12 @@ def test_a_base_that_drives_sideways_goes_on_from_its_heading() -> None:
     assert way_of(PlanWay(START, ToPose((4.0, 0.0)), LONG, (walls,), lateral=True))
 
 
+def test_a_base_that_drives_sideways_fits_on_each_leg_of_its_way() -> None:
+    """The straight way to the goal is none: it leads through the wall beside the door."""
+    walls = obstacle("wall", box(2, 31.6, 0.1, 30), box(2, -29.4, 0.1, 30))  # the door is 1 m wide, at y 1.1 m
+    assert len(way_of(PlanWay(START, ToPose((4.0, 0.0)), LONG, (walls,), lateral=True)).poses) > 2
+
+
 def test_what_is_too_far_is_said() -> None:
     assert plan(PlanWay(START, ToPose((500.0, 0.0)), LONG)) == TooFar(200.0)
 
