@@ -2,7 +2,7 @@
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from linked_fleet_agent import planar
 from linked_fleet_gateway.api import (
@@ -25,12 +25,13 @@ from linked_fleet_gateway.extensions.navigation import floor
 from linked_fleet_gateway.extensions.navigation.drive import DrivenBase, offer_of
 from linked_fleet_gateway.extensions.navigation.messages import EDGE, MAP, Goal, Near, Strip, ToPose, Way
 from linked_fleet_gateway.extensions.navigation.traffic import DriveError, NoWayError, Traffic, Trip, UnplannedError
-from linked_fleet_gateway.extensions.world.driving import heading_of
+from linked_fleet_gateway.extensions.world.driving import on_floor
 from linked_fleet_gateway.extensions.world.map_resources import MAP as MAP_PATH
 from linked_fleet_gateway.extensions.world.placement import LF as WORLD_TERMS
 from linked_fleet_gateway.extensions.world.placement import WORLD, number_of
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.faces import drive_limits, relative_pose
+from linked_fleet_gateway.fleet.driving import placed
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.rdf.graph import METRE, RADIAN, Node
 from linked_fleet_gateway.rdf.vocabulary import MATHS
@@ -65,7 +66,7 @@ class DriveFailed(Conflict):
 
 @dataclass(frozen=True)
 class _Wanted:
-    """What a request asks for. ``thing`` is the path of the thing to be near, ``frame`` that of the goal."""
+    """The goal that a request asks for. ``thing`` is the path of the thing to be near, ``frame`` that of the goal."""
 
     x: float = 0.0
     y: float = 0.0
@@ -84,12 +85,10 @@ def wanted_by(request: ActionRequest) -> _Wanted:
     robot = request.required_robot()
     said = _Wanted(corridor=corridor, speed=min(1.0 if speed is None else speed, robot.speed_scale))
     if (thing := _path(request, body.node(root, LF.near))) is not None:
-        return _Wanted(thing=thing, corridor=said.corridor, speed=said.speed)
+        return replace(said, thing=thing)
     x, y = _point(request, body.node(root, LF.position))
-    looks = body.node(root, LF.heading)
-    heading = None if looks is None else body.quantity(looks)
-    frame = _path(request, body.node(root, LF.inFrame))
-    return _Wanted(x, y, heading, WORLD if frame is None else frame, "", said.corridor, said.speed)
+    looks, frame = body.node(root, LF.heading), _path(request, body.node(root, LF.inFrame))
+    return replace(said, x=x, y=y, heading=None if looks is None else body.quantity(looks), frame=frame or WORLD)
 
 
 def _strip(request: ActionRequest, node: Node) -> Strip:
@@ -152,9 +151,9 @@ class DriveTo:
         pose = self._pose_of(wanted.thing or wanted.frame, caller)
         if wanted.thing:
             return Near(self._obstacle_of(wanted.thing), (pose.position_m[0], pose.position_m[1]))
-        turn = heading_of(pose) or 0.0
-        heading = None if wanted.heading is None else math.remainder(wanted.heading + turn, math.tau)
-        return ToPose(floor.placed(pose, wanted.x, wanted.y), heading)
+        frame = on_floor(pose) or planar.Pose(*pose.position_m[:2], 0.0)
+        found = placed(planar.Pose(wanted.x, wanted.y, wanted.heading or 0.0), frame)
+        return ToPose(found[:2], None if wanted.heading is None else math.remainder(found.heading, math.tau))
 
     def _pose_of(self, path: str, caller: Caller) -> Pose:
         seen = {name: robot for name, robot in self._core.robots.items() if caller.visible_robots.includes(name)}

@@ -1,29 +1,26 @@
-"""What the world knows of the floor around a base, for planning. Metre, radian."""
-
-import math
+"""Reads what the world knows of the floor around a base, for planning. Metre, radian."""
 
 from linked_fleet_agent import planar
 from linked_fleet_gateway.api import Conflict, Robot, robot_path
 from linked_fleet_gateway.extensions.navigation.messages import FloorCells, Obstacle
 from linked_fleet_gateway.extensions.navigation.traffic import Around
 from linked_fleet_gateway.extensions.world.descriptions import object_path
-from linked_fleet_gateway.extensions.world.driving import heading_of, odometry_of
+from linked_fleet_gateway.extensions.world.driving import odometry_of, on_floor
 from linked_fleet_gateway.extensions.world.placement import pose_in_world
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.faces import View
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.driving import placed, relative
 
 
 def standing(robot: Robot) -> planar.Pose:
     """Return where a base stands in the world. Raises Conflict if that is unknown."""
-    pose = None if robot.model is None else pose_in_world(robot, robot.model.root)
-    heading = None if pose is None else heading_of(pose)
-    if pose is None or heading is None:
+    pose = on_floor(None if robot.model is None else pose_in_world(robot, robot.model.root))
+    if pose is None:
         raise Conflict(
             f"Where {robot.name} stands in the world is unknown: PUT the placement of its odometry frame at "
             f"{robot_path(robot.name)}placement."
         )
-    return planar.Pose(pose.position_m[0], pose.position_m[1], heading)
+    return pose
 
 
 def to_odometry(robot: Robot, poses: tuple[planar.Pose, ...]) -> list[planar.Pose]:
@@ -31,16 +28,7 @@ def to_odometry(robot: Robot, poses: tuple[planar.Pose, ...]) -> list[planar.Pos
     world, own = standing(robot), odometry_of(robot)
     if own is None:
         raise Conflict(f"Where {robot.name} is in its odometry frame is unknown.")
-    turn = own.heading - world.heading
-    cosine, sine = math.cos(turn), math.sin(turn)
-    return [
-        planar.Pose(
-            own.x + (each.x - world.x) * cosine - (each.y - world.y) * sine,
-            own.y + (each.x - world.x) * sine + (each.y - world.y) * cosine,
-            math.remainder(each.heading + turn, math.tau),
-        )
-        for each in poses
-    ]
+    return [placed(relative(each, world), own) for each in poses]
 
 
 async def around(world: World, robot: Robot, sees: View, lateral: bool) -> Around:
@@ -58,10 +46,3 @@ async def around(world: World, robot: Robot, sees: View, lateral: bool) -> Aroun
     floor = world.floor
     cells = None if floor is None else FloorCells(floor.boxes, floor.settings.resolution, floor.settings.origin)
     return Around(pose, found.outline, tuple(obstacles), cells, lateral)
-
-
-def placed(pose: Pose, x: float, y: float) -> tuple[float, float]:
-    """Return the place on the floor of a point in the plane of a frame."""
-    heading = heading_of(pose) or 0.0
-    cosine, sine = math.cos(heading), math.sin(heading)
-    return pose.position_m[0] + x * cosine - y * sine, pose.position_m[1] + x * sine + y * cosine

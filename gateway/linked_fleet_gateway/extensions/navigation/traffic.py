@@ -253,7 +253,8 @@ class Traffic:
     def _on(self, around: Around, floor: Sequence[Polygon]) -> tuple[str, ...]:
         """Return the robots on a floor that will leave it."""
         lasting = self._lasting(around)
-        return tuple({each.name: 1 for each in around.obstacles if each not in lasting and _is_on(each, floor)})
+        leaving = (each for each in around.obstacles if each not in lasting)
+        return tuple(dict.fromkeys(each.name for each in leaving if _is_on(each, floor)))
 
     def _lasting(self, around: Around) -> list[Obstacle]:
         """Return the obstacles except robots that move or are on a drive."""

@@ -12,16 +12,15 @@ from typing import Self
 
 from msgspec.structs import replace
 
+from linked_fleet_agent import planar
 from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
 from linked_fleet_gateway.extensions.world.driving import (
     Driving,
-    apart_m,
     coast_m,
-    odometry_of,
-    points_along,
+    on_floor,
     valid_until_ns,
 )
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
@@ -54,6 +53,8 @@ from linked_fleet_gateway.fleet.unchecked import Finding
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.serving import Act, Live, Worker
 
+Neighbours = dict[str, tuple[planar.Pose | None, float]]
+"""Where each robot stands on the floor, None if that is unknown, and how far it reaches from there in a second."""
 _MOST_SPEEDS = 5
 """Speeds at which a drive is checked."""
 _FLOOR = 0.95
@@ -171,9 +172,8 @@ class Checks:
         """Check a path that others see already: of two that begin at once, at least one sees the other."""
         self._driving.follow(robot, path)
         try:
-            return self._finding(
-                robot, await self._checker.ask(self._questions.followed(robot, path, robots, sees, own), _ANSWER_S)
-            )
+            question = self._questions.followed(robot, path, robots, sees, own)
+            return self._finding(robot, await self._checker.ask(question, _ANSWER_S))
         except MotionRefused:
             self._driving.forget(robot)
             raise
@@ -190,14 +190,14 @@ class Checks:
         """Return the path that the base of a robot with a placement follows."""
         return self._driving.path_of(robot) if is_placed(robot) else None
 
-    def is_somebody_near(self, robot: Robot, path: FollowedPath) -> bool:
-        """Return True if another robot may be near the way of a robot, or come there in a second. Raises Unchecked."""
-        way = points_along(base_of(robot, ALL), odometry_of(robot), path)
-        return any(
-            apart_m(base_of(each, ALL), way) <= self._preparation.reach_m(robot, each) + coast_m(each)
-            for each in self._live.fleet.robots.values()
-            if each is not robot and is_placed(each)
-        )
+    def neighbours(self) -> Neighbours:
+        """Return where the robots with a placement are, and how far they may come in a second."""
+        found: Neighbours = {}
+        for robot in self._live.fleet.robots.values():
+            if is_placed(robot) and robot.model is not None:
+                at = on_floor(pose_in_world(robot, robot.model.root))
+                found[robot.name] = at, self._preparation.reach_m(robot) + coast_m(robot)
+        return found
 
     async def survey(self, robot: Robot, sees: View) -> Surveyed:
         """Return what stands around a robot with a placement, prepared if needed. Raises Unchecked, Busy."""

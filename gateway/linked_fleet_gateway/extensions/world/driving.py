@@ -12,7 +12,7 @@ from linked_fleet_agent.planar import STANDING, Velocity
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.plane import positions_of
 from linked_fleet_gateway.faces import path_ahead
-from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath, relative
+from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath, placed, relative
 from linked_fleet_gateway.fleet.kinematics import base_pose
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
@@ -36,11 +36,15 @@ def heading_of(pose: Pose) -> float | None:
     return None if math.hypot(x, y) < _UPRIGHT else math.atan2(y, x)
 
 
+def on_floor(pose: Pose | None) -> planar.Pose | None:
+    """Return a pose seen from above; None if it is unknown or has no heading."""
+    heading = None if pose is None else heading_of(pose)
+    return None if pose is None or heading is None else planar.Pose(*pose.position_m[:2], heading)
+
+
 def odometry_of(robot: Robot) -> planar.Pose | None:
     """Return where the base is in its odometry frame; None if that is unknown."""
-    pose = base_pose(None if robot.frame is None else robot.frame.base)
-    heading = None if pose is None else heading_of(pose)
-    return None if pose is None or heading is None else planar.Pose(pose.position_m[0], pose.position_m[1], heading)
+    return on_floor(base_pose(None if robot.frame is None else robot.frame.base))
 
 
 def velocity_of(robot: Robot) -> Velocity:
@@ -57,28 +61,14 @@ def valid_until_ns(robot: Robot) -> int:
     return robot.frame.monotonic_ns + round(REACTION_S * 1e9)
 
 
-def points_along(base: Pose, here: planar.Pose | None, path: FollowedPath) -> list[tuple[float, float]]:
-    """Return the points on the floor of the world through which a path leads a base, from where that is."""
-    found, heading = [base.position_m[:2]], heading_of(base) or 0.0
-    if here is None:
-        return found
-    for each in path.poses:
-        x, y, _ = relative(each, here)
-        cosine, sine = math.cos(heading), math.sin(heading)
-        found.append((found[0][0] + x * cosine - y * sine, found[0][1] + x * sine + y * cosine))
-    return found
+def poses_along(stands: planar.Pose, here: planar.Pose, path: FollowedPath) -> list[planar.Pose]:
+    """Return the poses in the world of a path, from where a base stands, which is ``here`` by its odometry."""
+    return [stands, *(placed(relative(each, here), stands) for each in path.poses)]
 
 
-def apart_m(base: Pose, way: Sequence[tuple[float, float]]) -> float:
-    """Return how far a base is from a way on the floor."""
-    x, y, _ = base.position_m
-    nearest = math.dist((x, y), way[0])
-    for (x1, y1), (x2, y2) in pairwise(way):
-        square = (x2 - x1) ** 2 + (y2 - y1) ** 2
-        share = ((x - x1) * (x2 - x1) + (y - y1) * (y2 - y1)) / square if square else 0.0
-        share = min(max(share, 0.0), 1.0)
-        nearest = min(nearest, math.dist((x, y), (x1 + share * (x2 - x1), y1 + share * (y2 - y1))))
-    return nearest
+def apart_m(at: planar.Pose, way: Sequence[planar.Pose]) -> float:
+    """Return how far it is from a way of at least two poses."""
+    return min(at.to_leg_m(*leg) for leg in pairwise(way))
 
 
 def coast_m(robot: Robot) -> float:

@@ -20,9 +20,9 @@ from linked_fleet_agent.planar import Pose, Velocity
 from linked_fleet_agent.wire.components import BASE
 from linked_fleet_gateway.api import Invocation, cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import AgentTimeout
-from linked_fleet_gateway.extensions.world.checks import Checks
+from linked_fleet_gateway.extensions.world.checks import Checks, Neighbours
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
-from linked_fleet_gateway.extensions.world.driving import odometry_of, velocity_of
+from linked_fleet_gateway.extensions.world.driving import apart_m, odometry_of, poses_along, velocity_of
 from linked_fleet_gateway.fleet.driving import FollowedPath
 from linked_fleet_gateway.fleet.robot import Robot
 
@@ -64,6 +64,16 @@ def beginning(path: FollowedPath, here: Pose, length_m: float) -> FollowedPath:
     return replace(path, poses=tuple(kept))
 
 
+def is_somebody_near(name: str, here: Pose, path: FollowedPath, neighbours: Neighbours) -> bool:
+    """Return True if another robot may be near the path of a robot or come there in a second, also if unknown."""
+    stands, reach_m = neighbours.get(name, (None, math.inf))
+    if stands is None:
+        return True
+    way = poses_along(stands, here, path)
+    others = (each for other, each in neighbours.items() if other != name)
+    return any(at is None or apart_m(at, way) <= reach_m + their_m for at, their_m in others)
+
+
 @dataclass
 class _Watched:
     """What was known when the whole path of an invocation, to its ``end``, was found free."""
@@ -100,18 +110,21 @@ class PathWatch:
 
     async def look(self) -> None:
         """Check the paths of all robots that follow one, as far as needed."""
+        surroundings, neighbours = self._checks.surroundings, self._checks.neighbours()
         for robot in list(self._robots.values()):
             path, run = self._checks.path_of(robot), self._drive_of(robot)
             if run is None:
                 self._watched.pop(robot.name, None)
             elif path is not None:
-                await self._look_at(robot, path, run)
+                await self._look_at(robot, path, run, surroundings, neighbours)
 
     def _drive_of(self, robot: Robot) -> Invocation | None:
         return next((one for one in self._open_of(robot.name) if BASE in one.moves), None)
 
-    async def _look_at(self, robot: Robot, path: FollowedPath, run: Invocation) -> None:
-        now, here = self._checks.surroundings, odometry_of(robot)
+    async def _look_at(
+        self, robot: Robot, path: FollowedPath, run: Invocation, now: object, neighbours: Neighbours
+    ) -> None:
+        here = odometry_of(robot)
         held = self._watched.get(robot.name)
         if held is None or held.invocation != run.id:
             held = self._watched[robot.name] = _Watched(run.id, now, path.poses[-1])
@@ -119,7 +132,7 @@ class PathWatch:
             return
         soon, whole = beginning(path, here, stopping_m(velocity_of(robot), path)), not held.covers(path, now)
         try:
-            if whole or self._checks.is_somebody_near(robot, soon):
+            if whole or is_somebody_near(robot.name, here, soon, neighbours):
                 await self._checks.check_ahead(robot, path if whole else soon, run.id)
                 held.surroundings, held.end = now, path.poses[-1] if whole else held.end
         except Collides as error:

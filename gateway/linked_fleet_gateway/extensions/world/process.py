@@ -187,9 +187,9 @@ class Preparation:
         key, stand_in = self.key(robot), _stand_in(self.key(robot))
         return stand_in if not self._checker.is_prepared(key) and self._checker.is_prepared(stand_in) else key
 
-    def reach_m(self, *robots: Robot) -> float:
-        """Return a bound of how far robots reach together from their roots; infinite while that is unknown."""
-        return sum(self._reach_m.get(self.key(each), math.inf) for each in robots)
+    def reach_m(self, robot: Robot) -> float:
+        """Return a bound of how far a robot reaches from its root; infinite while that is unknown."""
+        return self._reach_m.get(self.key(robot), math.inf)
 
     async def prepare_robots(self, robots: Collection[Robot]) -> None:
         """Wait until each robot is prepared or cannot be. Cancelling one waiter does not affect others."""

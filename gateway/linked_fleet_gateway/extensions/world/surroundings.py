@@ -119,6 +119,10 @@ class MovingRobot:
     def at(self, body: int) -> pin.SE3:
         return self._placed.oMg[body]
 
+    def placed_bodies(self) -> list[tuple[Body, pin.SE3]]:
+        """Return the bodies whose places are known, with these, in the root frame."""
+        return [(body, self.at(i)) for i, body in enumerate(self.robot.bodies) if self.robot.anchored[i]]
+
     def shape(self, body: int) -> Shape:
         return _shape(self.robot.bodies[body], self.at(body))
 
@@ -187,7 +191,7 @@ def other_robot_bodies(asked: Check, robots: Mapping[str, Robot], reach_m: float
 
 def _on_its_way(placed: Placement, robot: MovingRobot, base: pin.SE3, near: float) -> Iterator[StaticBody]:
     """Yield the spaces that another robot takes on its way, each as a body of its root link."""
-    shape = outline([(body, robot.at(i)) for i, body in enumerate(robot.robot.bodies) if robot.robot.anchored[i]])
+    shape = outline(robot.placed_bodies())
     for space in () if shape is None else swept(shape, placed.way):
         space.computeLocalAABB()
         centre, radius = base.act(np.array(space.aabb_center, dtype=float)), float(space.aabb_radius)

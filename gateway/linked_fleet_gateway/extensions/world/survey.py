@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 import coal
 import numpy as np
 
-from linked_fleet_gateway.extensions.world.corners import corners_of
+from linked_fleet_gateway.extensions.world.corners import RING, corners_of
 from linked_fleet_gateway.extensions.world.messages import Placement, Plan, Seen, Survey, Surveyed
 from linked_fleet_gateway.extensions.world.outline import Outline, hull_of, outline, plans_along
 from linked_fleet_gateway.extensions.world.path import UnknownPosition
@@ -26,7 +26,7 @@ def survey(asked: Survey, robots: Mapping[str, Robot], objects: Mapping[str, coa
     if missing := [each.key for each in (around.robot, *around.robots) if each.key not in robots]:
         raise UnknownPosition(f"{missing[0]} has to be prepared again")
     me = MovingRobot(robots[around.robot.key], asked.start)
-    mine = outline([(body, me.at(i)) for i, body in enumerate(me.robot.bodies) if me.robot.anchored[i]])
+    mine = outline(me.placed_bodies())
     if mine is None:
         raise UnknownPosition("it has no shapes")
     z = around.robot.base.position_m[2]
@@ -55,18 +55,20 @@ def _robot(placed: Placement, robot: Robot, heights: tuple[float, float]) -> See
         shapes += list(_bodies(stood, placed, heights))
     if not shapes:
         return None
-    standing = tuple(_plan(each.corners @ base.rotation[:2, :2].T + base.translation[:2]) for each in shapes)
     whole = Outline(hull_of(np.concatenate([each.corners for each in shapes])), 0.0, 0.0)
-    legs = plans_along(whole, placed.way)
-    ways = tuple(_plan(each @ base.rotation[:2, :2].T + base.translation[:2]) for each in legs)
-    return Seen("robot", placed.name, standing, ways)
+    standing, way = (each.corners for each in shapes), plans_along(whole, placed.way)
+    covers, ways = (
+        tuple(_plan(each @ base.rotation[:2, :2].T + base.translation[:2]) for each in plans)
+        for plans in (standing, way)
+    )
+    return Seen("robot", placed.name, covers, ways)
 
 
 def _bodies(stood: MovingRobot, placed: Placement, heights: tuple[float, float]) -> Iterator[Outline]:
     """Yield the outlines of the bodies that reach these heights, in the frame of the robot."""
     z = placed.base.position_m[2]
-    for index, body in enumerate(stood.robot.bodies):
-        found = outline([(body, stood.at(index))]) if stood.robot.anchored[index] else None
+    for each in stood.placed_bodies():
+        found = outline([each])
         if found is not None and found.low + z <= heights[1] and found.high + z >= heights[0]:
             yield found
 
@@ -74,9 +76,7 @@ def _bodies(stood: MovingRobot, placed: Placement, heights: tuple[float, float])
 def _rounded(points: Array, radius: float) -> Array:
     if not radius:
         return hull_of(points)
-    angles = np.arange(24) * np.pi / 12
-    ring = radius / np.cos(np.pi / 24) * np.column_stack((np.cos(angles), np.sin(angles)))
-    return hull_of((points[:, None, :] + ring).reshape(-1, 2))
+    return hull_of((points[:, None, :] + radius * RING[:, :2]).reshape(-1, 2))
 
 
 def _plan(corners: Array) -> Plan:
