@@ -53,9 +53,10 @@ class Coverage:
     def _neighbours(self) -> Iterator[Placement]:
         """Yield the other robots with unchecked links that may meet the moving robot."""
         for each in self._asked.robots:
-            other = standing(each, self._robots)
-            near = self._apart_m(each) <= other.unchecked_m + MARGIN_M + self._robot.whole_m
-            if other.unchecked and near:
+            if not self._robots[each.key].unchecked:
+                continue
+            far_m = standing(each, self._robots).unchecked_m
+            if self._apart_m(each) <= far_m + MARGIN_M + self._robot.whole_m:
                 yield each
 
     def _apart_m(self, other: Placement) -> float:
