@@ -200,6 +200,21 @@ def test_it_can_be_ended(tiago: Driver, by: str) -> None:
     assert tiago.at[0] < 2.5
 
 
+def test_a_repeated_request_is_answered_by_its_first_invocation(tiago: Driver) -> None:
+    """Also after the goal has been blocked, and after it was refused."""
+    http, body = tiago.browser.http, {"position": point(1.0, 0.5)}
+    tiago.ask(1.0, 0.5, prefer="dry-run")  # the shapes are prepared
+    first = http.post(tiago.url, json=body, headers={"idempotency-key": '"once"'})
+    tiago.end(first.headers["location"])
+    tiago.end(tiago.begin(0.0, 0.0))
+    put_object(tiago.browser, crate("crate", 1.0, 0.5, 0.3))
+    again = http.post(tiago.url, json=body, headers={"idempotency-key": '"once"'})
+    assert (again.status_code, again.headers["location"]) == (204, first.headers["location"])
+    for _ in range(2):
+        assert problem(http.post(tiago.url, json=body, headers={"idempotency-key": '"blocked"'}))[0] == 409
+    assert tiago.at[:2] == pytest.approx((0.0, 0.0), abs=0.03)
+
+
 def test_it_ends_when_somebody_takes_control(tiago: Driver) -> None:
     run = tiago.begin(4.0, 0.0)
     eventually(lambda: tiago.at[0] > 0.3, "a robot on its way")

@@ -40,7 +40,8 @@ class Operation:
 
     ``run`` carries it out. It calls ``Call.accept`` once nothing prevents it any more; an error before that refuses the
     request. It is cancelled by a client, by a stop of its robot, and when the gateway ends. ``rehearse``, if given,
-    returns the duration instead, and raises the errors by which the caller is refused. It comes before ``run``, too.
+    returns the duration instead, and raises the errors by which the caller is refused. It comes before ``run``, too,
+    and may take longer than ``run`` may before it accepts.
     """
 
     run: Callable[["Call"], Awaitable[None]]
@@ -55,10 +56,14 @@ class Operation:
 class Call:
     """One invocation of an operation, as seen by the coroutine that carries it out."""
 
-    def __init__(self, invocation: Invocation, lifecycle: Lifecycle, caller: Caller, expected_s: float = 0.0) -> None:
-        self._invocation, self._lifecycle, self._expected_s = invocation, lifecycle, expected_s
+    def __init__(self, invocation: Invocation, lifecycle: Lifecycle, caller: Caller) -> None:
+        self._invocation, self._lifecycle = invocation, lifecycle
+        self.expected_s = 0.0
+        """How long it takes as far as its plan knows."""
         self.caller = replace(caller, idempotency_key="", request_digest="", body="")
         """The caller, for whom further actions can be invoked (``Core.invoke``)."""
+        self.begun = asyncio.Event()
+        """Set once it has been rehearsed, or has ended."""
         self.answered = asyncio.Event()
         """Set once it is accepted, or has ended."""
 
@@ -72,10 +77,10 @@ class Call:
         """The displayed name of the caller."""
         return self._invocation.client
 
-    def accept(self, duration_s: float | None = None) -> None:
+    def accept(self, duration_s: float = 0.0) -> None:
         """Accept the request, which is then answered. ``duration_s``: how long it is expected to take."""
         invocation = self._invocation
-        invocation.duration_s, invocation.started_ns = duration_s or self._expected_s, time.time_ns()
+        invocation.duration_s, invocation.started_ns = duration_s or self.expected_s, time.time_ns()
         invocation.state = InvocationState.RUNNING
         self._lifecycle.report_operation(invocation)
         self.answered.set()
@@ -117,10 +122,6 @@ class Operations:
         """
         if robot is not None and not robot.online and not is_stop:
             raise Offline(f"Robot {robot.name} is offline; its actions answer again once it is back.")
-        expected_s = operation.duration_s
-        if operation.rehearse is not None and not is_stop:
-            await self.check(robot, caller)
-            expected_s = await operation.rehearse(caller)
         now_ns = time.time_ns()
         invocation = Invocation(
             id=str(uuid.uuid4()),
@@ -140,20 +141,22 @@ class Operations:
             invocation, is_new = await self._opening.create(invocation, caller)
             if not is_new:
                 return await self._opening.first(robot, invocation)
-        await self._start(invocation, operation, Call(invocation, self._lifecycle, caller, expected_s))
+        await self._start(invocation, operation, Call(invocation, self._lifecycle, caller), caller)
         return invocation
 
     async def check(self, robot: Robot | None, caller: Caller) -> None:
         """Check if an operation would be begun now, for its rehearsal. Raises the errors of ``Opening.check``."""
         await self._opening.check(FLEET if robot is None else robot.name, caller)
 
-    async def _start(self, invocation: Invocation, operation: Operation, call: Call) -> None:
+    async def _start(self, invocation: Invocation, operation: Operation, call: Call, caller: Caller) -> None:
         """Carry out an operation; return once it has accepted or has ended. Raises the error by which it refuses."""
         refusals = list[FleetError]()
-        task = asyncio.create_task(self._run(call, invocation, operation, refusals), name=f"operation {invocation.id}")
+        run = self._run(call, invocation, operation, caller, refusals)
+        task = asyncio.create_task(run, name=f"operation {invocation.id}")
         self._running[invocation.id] = task
         task.add_done_callback(lambda _: self._running.pop(invocation.id, None))
         try:
+            await call.begun.wait()
             async with asyncio.timeout(ANSWER_TIMEOUT_S):
                 await call.answered.wait()
         except TimeoutError as error:
@@ -162,9 +165,13 @@ class Operations:
         if refusals:
             raise refusals[0]
 
-    async def _run(self, call: Call, invocation: Invocation, operation: Operation, refusals: list[FleetError]) -> None:
+    async def _run(
+        self, call: Call, invocation: Invocation, operation: Operation, caller: Caller, refusals: list[FleetError]
+    ) -> None:
         try:
             async with self._reporting(invocation):
+                call.expected_s = await operation.takes_s(caller)
+                call.begun.set()
                 await operation.run(call)
             invocation.progress = 1.0
             self._lifecycle.end(invocation, InvocationState.SUCCEEDED, "")
@@ -182,6 +189,7 @@ class Operations:
                 refusals.append(FleetError("The gateway failed to carry it out; its log has the reason."))
             self._lifecycle.fail(invocation, "the gateway failed to carry it out; its log has the reason")
         finally:
+            call.begun.set()
             call.answered.set()
 
     def _cancelled(self, invocation: Invocation, call: Call) -> tuple[InvocationState, str]:
