@@ -11,24 +11,20 @@ import time
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import msgspec
-
 from bench.scene import process_cpu_s
 from bench.table import Row, bounded, known
-from linked_fleet_agent.components.driving import planar_base
+from carts import add_cart, cart_urdf, frame
 from linked_fleet_agent.planar import DriveLimits, Pose, Velocity
-from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.components import BASE
-from linked_fleet_agent.wire.messages import Description, Mesh, State
+from linked_fleet_agent.wire.messages import Mesh
 from linked_fleet_gateway.actions.plan import Act, Motion, RobotTime
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.path_watch import PathWatch
-from linked_fleet_gateway.extensions.world.placement import PLACEMENT
 from linked_fleet_gateway.fleet.driving import FollowedPath
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
+from linked_fleet_gateway.fleet.events import Framed
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.identity.rights import ALL
 from virtual.zenoh_network import ZenohNetwork
@@ -37,8 +33,7 @@ COUNT, ROWS = 100, 10
 SPEED_M_S, LANE_M, APART_M, RATE_HZ = 0.5, 8.0, 1.5, 20.0
 MOST_CORES = 0.5
 LIMITS = DriveLimits(linear=1.0, angular=1.5, linear_acceleration=1.0, angular_acceleration=2.0)
-URDF = """<robot name="cart"><link name="base"><collision><origin xyz="0 0 0.2"/><geometry>
-<box size="0.5 0.4 0.3"/></geometry></collision></link></robot>"""
+URDF = cart_urdf(0.5, 0.4)
 
 
 @dataclass
@@ -78,12 +73,8 @@ class Cart:
     def frame(self) -> Framed:
         self.sequence += 1
         pose = Pose(self.x, self.y, math.pi if self.turned else 0.0)
-        base = planar_base(pose, Velocity(SPEED_M_S if self.part.path_ahead else 0.0))
-        state = State(
-            incarnation=1, sequence=self.sequence, monotonic_ns=time.monotonic_ns(), wall_ns=time.time_ns(),
-            positions=(), velocities=(), efforts=(), base=base,
-        )  # fmt: skip
-        return Framed(self.name, encode_state(state))
+        velocity = Velocity(SPEED_M_S if self.part.path_ahead else 0.0)
+        return frame(self.name, self.sequence, pose, velocity, monotonic_ns=time.monotonic_ns())
 
 
 class Fleet:
@@ -100,15 +91,7 @@ class Fleet:
     def _cart(self, number: int) -> Cart:
         lane, place = divmod(number, COUNT // ROWS)
         cart = Cart(f"r{number}", place * (LANE_M + APART_M), lane * APART_M)
-        description = Description(
-            version=1, robot=cart.name, incarnation=1, title=cart.name, urdf=URDF, joints=(), rate_hz=100,
-            capabilities=(), layout=layout(0, True), base="floating",
-        )  # fmt: skip
-        for event in (Appeared(cart.name, 1), Described(description)):
-            self.live.fleet.apply(event, 1)
-        robot = self.live.fleet.robots[cart.name]
-        pose = {"position_m": (0.0, 0.0, 0.0), "orientation_xyzw": (0.0, 0.0, 0.0, 1.0)}
-        robot.settings = {PLACEMENT: msgspec.json.encode(pose).decode()}
+        robot = add_cart(self.live, cart.name, URDF)
         robot.parts = {"base": cart.part}
         return cart
 

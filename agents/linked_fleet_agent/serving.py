@@ -229,19 +229,15 @@ class _Served:
 
 
 def link_of(agent: Agent, session: Session, keys: Keys, **more: Any) -> RobotLink:
-    """Return the link of an agent on a session; ``more`` as for ``RobotLink``."""
-    return RobotLink(
-        session,
-        keys,
-        robot=agent.name,
-        incarnation=agent.incarnation,
-        description=agent.description,
-        on_command=agent.handle,
-        on_stop=agent.handle_stop,
-        on_mesh=agent.mesh,
-        on_picture=agent.picture if agent.has_cameras else None,
-        on_operate=agent.handle_operate if agent.has_components else None,
-        on_values=agent.values if agent.has_components else None,
-        on_sample=agent.handle_sample if agent.has_components else None,
+    """Return the link of an agent on a session; ``more`` are further arguments of ``RobotLink``, or others instead."""
+    own = {"on_operate": agent.handle_operate, "on_values": agent.values, "on_sample": agent.handle_sample}
+    told: dict[str, Any] = {
+        "on_command": agent.handle,
+        "on_stop": agent.handle_stop,
+        "on_mesh": agent.mesh,
+        "on_picture": agent.picture if agent.has_cameras else None,
+        **(own if agent.has_components else {}),
         **more,
-    )
+    }
+    about: dict[str, Any] = {"robot": agent.name, "incarnation": agent.incarnation, "description": agent.description}
+    return RobotLink(session, keys, **about, **told)

@@ -19,7 +19,7 @@ from histories.web import HttpGateway, last_segment
 from histories.web_callbacks import HttpReceiver, Subscribers
 from histories.web_clients import ConditionalWriters, Controllers, Movers, SceneObject, Title
 from histories.workload import Clients, another
-from linked_fleet_agent.link import RobotLink
+from linked_fleet_agent.serving import link_of
 from linked_fleet_agent.wire.keys import Keys as ZenohKeys
 from linked_fleet_agent.zenoh_session import open_session
 from linked_fleet_gateway.runtime.background import cancel_tasks
@@ -90,16 +90,8 @@ class Processes:
         """Add a robot that accepts commands, whose agent runs in this process."""
         self._mover = Witnessed(_MOVER, self._history, lambda *ran: self._movers.ran(*ran))
         agent, session = self._mover.agent, await stack.enter_async_context(open_session((self._hub.endpoint,)))
-        link = RobotLink(
-            session,
-            ZenohKeys(),
-            robot=_MOVER,
-            incarnation=agent.incarnation,
-            description=agent.description,
-            on_command=self._mover.handle,
-            on_stop=agent.handle_stop,
-            on_operate=self._mover.handle_operate,
-            on_values=agent.values,
+        link = link_of(
+            agent, session, ZenohKeys(), on_command=self._mover.handle, on_operate=self._mover.handle_operate
         )
         self._run(agent.run(await stack.enter_async_context(link)), stack)
 

@@ -18,9 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from linked_fleet_agent.agent import Agent
-from linked_fleet_agent.link import RobotLink
 from linked_fleet_agent.robots.catalogue import MODELS, load, poses_of
 from linked_fleet_agent.robots.mujoco_robot import MujocoRobot
+from linked_fleet_agent.serving import link_of
 from linked_fleet_agent.transport import Session
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.zenoh_session import open_session
@@ -70,19 +70,7 @@ class SimulatedRobot:
 
     async def run(self, session: Session, end: asyncio.Event, pause_s: float = _PAUSE_S) -> None:
         agent = self._agent
-        async with RobotLink(
-            session,
-            Keys(),
-            robot=self.name,
-            incarnation=agent.incarnation,
-            description=agent.description,
-            on_command=self._command,
-            on_stop=agent.handle_stop,
-            on_mesh=agent.mesh,
-            on_operate=agent.handle_operate,
-            on_values=agent.values,
-            on_sample=agent.handle_sample,
-        ) as link:
+        async with link_of(agent, session, Keys(), on_command=self._command) as link:
             while not end.is_set():
                 with self._lock:
                     self._now_ns += round(TICK_S * 1e9)

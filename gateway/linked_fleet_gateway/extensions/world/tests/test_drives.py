@@ -11,10 +11,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from linked_fleet_agent.components.driving import planar_base
+from carts import add_cart, cart_urdf, frame
 from linked_fleet_agent.planar import DriveLimits, Pose, Ramp, Velocity
-from linked_fleet_agent.wire.codec import encode_state, layout
-from linked_fleet_agent.wire.messages import Description, Mesh, State
+from linked_fleet_agent.wire.messages import Mesh
 from linked_fleet_gateway.actions.plan import Act, Motion, RobotTime, slowed
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
@@ -22,10 +21,8 @@ from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world import checks
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides
-from linked_fleet_gateway.extensions.world.placement import PLACEMENT
 from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
 from linked_fleet_gateway.fleet.driving import REACTION_S, Drive
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
 from linked_fleet_gateway.fleet.model import Pose as Pose3
 from linked_fleet_gateway.identity.rights import ALL
 from virtual.zenoh_network import ZenohNetwork
@@ -36,9 +33,7 @@ SEEDS = range(40 if "LONG_TESTS" in os.environ else 1)
 DRIVES, DRIVES_IN_ONE_WORLD = 250, 50
 """Of each seed, and among the same crates."""
 Corners = npt.NDArray[np.float64]
-UPRIGHT = (0.0, 0.0, 0.0, 1.0)
-URDF = f"""<robot name="cart"><link name="base"><collision><origin xyz="0 0 0.2"/><geometry>
-<box size="{LENGTH_M} {WIDTH_M} 0.3"/></geometry></collision></link></robot>"""
+URDF = cart_urdf(LENGTH_M, WIDTH_M)
 
 
 def rectangle(pose: Pose, length_m: float, width_m: float) -> Corners:
@@ -94,14 +89,7 @@ class Floor:
         self.carts = [Cart("a", chance), Cart("b", chance)]
         self.checks._driving._now_s = lambda: self.carts[0].now_s
         for cart in self.carts:
-            description = Description(
-                version=1, robot=cart.name, incarnation=1, title=cart.name, urdf=URDF, joints=(), rate_hz=100,
-                capabilities=(), layout=layout(0, True), base="floating",
-            )  # fmt: skip
-            for event in (Appeared(cart.name, 1), Described(description)):
-                self.live.fleet.apply(event, 1)
-            pose = {"position_m": (0.0, 0.0, 0.0), "orientation_xyzw": UPRIGHT}
-            self.live.fleet.robots[cart.name].settings = {PLACEMENT: msgspec.json.encode(pose).decode()}
+            add_cart(self.live, cart.name, URDF)
         self.sequence = 0
 
     async def _ask(self, robot: str, mesh: Mesh, timeout_s: float) -> bytes:
@@ -110,12 +98,8 @@ class Floor:
     def frames(self) -> None:
         for cart in self.carts:
             self.sequence += 1
-            base = planar_base(cart.at, cart.ramp.velocity)
-            state = State(
-                incarnation=1, sequence=self.sequence, monotonic_ns=self.sequence, wall_ns=1, positions=(),
-                velocities=(), efforts=(), base=base,
-            )  # fmt: skip
-            self.live.fleet.apply(Framed(cart.name, encode_state(state)), 1)
+            told = frame(cart.name, self.sequence, cart.at, cart.ramp.velocity, monotonic_ns=self.sequence)
+            self.live.fleet.apply(told, 1)
 
     def scatter(self) -> None:
         """Put crates and carts where they do not touch."""
