@@ -23,7 +23,7 @@ SILENCE_S = 0.2
 
 
 class Phone:
-    """What the phone has said last."""
+    """Keeps what the phone has said last."""
 
     def __init__(self) -> None:
         self.velocity, self.said_s = (0.0, 0.0), -math.inf

@@ -1,4 +1,4 @@
-"""What a base says about how it drives."""
+"""Reads what a base says about how it drives."""
 
 import math
 from collections.abc import Callable, Iterable, Mapping

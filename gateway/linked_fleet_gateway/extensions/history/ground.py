@@ -1,4 +1,4 @@
-"""Where a robot stands in the world, and the map of the floor there."""
+"""Finds where a robot stands in the world, and the map of the floor there."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING

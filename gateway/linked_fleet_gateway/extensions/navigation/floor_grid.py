@@ -24,7 +24,7 @@ class TooLarge(Exception):  # noqa: N818
 
 @dataclass(frozen=True)
 class Lattice:
-    """Where the cells are: ``origin`` is the centre of cell [0, 0]."""
+    """The places of the cells: ``origin`` is the centre of cell [0, 0]."""
 
     origin: Point
     step_m: float
