@@ -230,13 +230,15 @@ class _Served:
 
 def link_of(agent: Agent, session: Session, keys: Keys, **more: Any) -> RobotLink:
     """Return the link of an agent on a session; ``more`` are further arguments of ``RobotLink``, or others instead."""
-    own = {"on_operate": agent.handle_operate, "on_values": agent.values, "on_sample": agent.handle_sample}
+    components: dict[str, Any] = {}
+    if agent.has_components:
+        components = {"on_operate": agent.handle_operate, "on_values": agent.values, "on_sample": agent.handle_sample}
     told: dict[str, Any] = {
         "on_command": agent.handle,
         "on_stop": agent.handle_stop,
         "on_mesh": agent.mesh,
         "on_picture": agent.picture if agent.has_cameras else None,
-        **(own if agent.has_components else {}),
+        **components,
         **more,
     }
     about: dict[str, Any] = {"robot": agent.name, "incarnation": agent.incarnation, "description": agent.description}
