@@ -8,8 +8,9 @@ import pytest
 from descriptions_of_robots import arm
 from linked_fleet_agent.robot import NewDescriptionError, RobotFaultError
 from linked_fleet_agent.robots.ros2.address import parse_address
+from linked_fleet_agent.robots.ros2.graph import Mailbox, ReceivedMessage
 from linked_fleet_agent.robots.ros2.robot import Ros2Robot, facts_of
-from linked_fleet_agent.robots.ros2.session import Mailbox, ReceivedMessage, RosSession
+from linked_fleet_agent.robots.ros2.session import RosSession
 from ros2_robot import joint_state, text
 
 

@@ -10,8 +10,9 @@ from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots, mesh_files
 from linked_fleet_agent.robot import Facts, JointFacts, NewDescriptionError, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller
+from linked_fleet_agent.robots.ros2.graph import Mailbox, ReceivedMessage
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints, time_from_start_s
-from linked_fleet_agent.robots.ros2.session import Mailbox, Outlet, ReceivedMessage, RosSession, Topic
+from linked_fleet_agent.robots.ros2.session import Outlet, RosSession, Topic
 from linked_fleet_agent.urdf import RobotModel, UrdfError, joints_of
 
 _log = logging.getLogger(__name__)

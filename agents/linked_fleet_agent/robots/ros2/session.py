@@ -8,14 +8,15 @@ queues, which the driver empties in its own thread.
 import secrets
 import struct
 import time
-from collections import deque
+from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import zenoh
 from zenoh import ext
 
+from linked_fleet_agent.robots.ros2.graph import Mailbox
 from linked_fleet_agent.zenoh_session import configuration
 
 GID_BYTES = 16
@@ -82,29 +83,6 @@ _LEASE_MS = 2_000
 _MOST_STATES, _MOST_DESCRIPTIONS = 32, 2
 
 
-class ReceivedMessage(NamedTuple):
-    """A message and its arrival in monotonic seconds; the payload is None if it was too long."""
-
-    payload: bytes | None
-    at_s: float
-
-
-class Mailbox:
-    """The last ``most`` messages of one topic; unfetched older ones are dropped."""
-
-    def __init__(self, longest: int, most: int) -> None:
-        self._longest = longest
-        self._waiting: deque[ReceivedMessage] = deque(maxlen=most)
-
-    def put(self, sample: zenoh.Sample) -> None:
-        fits = len(sample.payload) <= self._longest
-        self._waiting.append(ReceivedMessage(sample.payload.to_bytes() if fits else None, time.monotonic()))
-
-    def fetch(self) -> list[ReceivedMessage]:
-        """Return the messages since the last call, oldest first."""
-        return [self._waiting.popleft() for _ in range(len(self._waiting))]
-
-
 class Outlet:
     """A publisher of one topic."""
 
@@ -145,7 +123,7 @@ class RosSession:
     def listen(self, topic: Topic, longest: int) -> Mailbox:
         """Subscribe to messages of up to ``longest`` bytes."""
         box = Mailbox(longest, _MOST_STATES)
-        self._keep(self._session.declare_subscriber(topic.key, box.put))
+        self._keep(self._session.declare_subscriber(topic.key, _into(box)))
         self._show("MS", topic, KEEP_LAST_ONE)
         return box
 
@@ -153,7 +131,7 @@ class RosSession:
         """Subscribe, and fetch the last earlier message too (transient local)."""
         box = Mailbox(longest, _MOST_DESCRIPTIONS)
         history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
-        self._keep(ext.declare_advanced_subscriber(self._session, topic.key, box.put, history=history))
+        self._keep(ext.declare_advanced_subscriber(self._session, topic.key, _into(box), history=history))
         self._show("MS", topic, LATCHED)
         return box
 
@@ -180,3 +158,13 @@ class RosSession:
 
     def _keep(self, declared: Any) -> None:
         self._declared.callback(declared.undeclare)
+
+
+def _into(box: Mailbox) -> Callable[[zenoh.Sample], None]:
+    """Return a callback that puts samples into the box. Zenoh calls it in a thread of its own."""
+
+    def take(sample: zenoh.Sample) -> None:
+        fits = len(sample.payload) <= box.longest
+        box.put(sample.payload.to_bytes() if fits else None)
+
+    return take
