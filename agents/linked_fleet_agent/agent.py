@@ -5,7 +5,7 @@ import logging
 import math
 import secrets
 import time
-from collections.abc import Callable, Iterable, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import replace
 from functools import partial
 from typing import Protocol, TypeVar
@@ -23,7 +23,7 @@ from linked_fleet_agent.motion import Motions, Outcome, Sway
 from linked_fleet_agent.pace import elapsed_ns, every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Conditions, Frames, Report, describe
-from linked_fleet_agent.robot import ComponentRobot, NewDescriptionError, Reading, Robot
+from linked_fleet_agent.robot import ComponentRobot, NewDescriptionError, Reading, Robot, TrajectoryRobot
 from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.urdf import RobotModel
 from linked_fleet_agent.wire import codec
@@ -108,6 +108,7 @@ class Agent:
         self._motions = Motions(self._joints, sways)
         self._sensors = {joint.name: JointSensor(joint, 1.0 / rate_hz) for joint in self._facts.joints}
         self._coupled = {name: group for group in self._facts.coupled for name in group}
+        self._follower = robot if isinstance(robot, TrajectoryRobot) else None
         self.demonstration = Demonstration(name, self._motions)
         self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns
         self._seen, self._stops = safety.RecentIds(), safety.Stops()
@@ -184,11 +185,18 @@ class Agent:
         if self._host:
             self._tick_components(link, now_ns)
         self._publish_progress(link, now_ns)
-        faults, fault = {} if self._reading is None else self._reading.faults, self._fault or self._operating.fault
-        if (condition := self._conditions.due(fault, faults, link.arrivals, now_ns)) is not None:
+        fault = self._fault or self._operating.fault
+        if (condition := self._conditions.due(fault, self._told_of_joints(), link.arrivals, now_ns)) is not None:
             link.publish_condition(condition)
         if self._described_anew is not None:
             raise self._described_anew
+
+    def _told_of_joints(self) -> Mapping[str, str]:
+        """Return a sentence for each joint whose sensor cannot be believed, or that takes no commands now."""
+        reading = self._reading
+        if reading is None:
+            return {}
+        return {**reading.held, **reading.faults} if reading.held else reading.faults
 
     def handle(self, payload: bytes) -> bytes:
         """Check one command and start it. The reply is Accepted, or Refused with the reason. Never raises."""
@@ -321,10 +329,17 @@ class Agent:
             return Refused(command.id, "fault", said[:1024])
         if lost := safety.far_outside(joints_of(command.motion), self._measured.positions, self._joints):
             return Refused(command.id, "fault", lost[:1024])
+        if held := self._held(joints_of(command.motion)):
+            return Refused(command.id, "fault", held[:1024])
         if moved := self._motions.unsettled(joints_of(command.motion), self._measured.positions):
             return Refused(command.id, "fault", moved[:1024])
         surprise = safety.position_mismatch(command.expects, self._measured.positions, self._joints)
         return Refused(command.id, "expectation", surprise[:1024]) if surprise else None
+
+    def _held(self, joints: Iterable[str]) -> str:
+        """Return why one of these joints takes no commands now, or an empty string."""
+        held = {} if self._reading is None else self._reading.held
+        return next((f"{name} takes no command now: {held[name]}" for name in joints if name in held), "")
 
     def _refuse_moving(self, id: str) -> Refused | None:
         """Return the refusal of anything that moves the robot now, or None."""
@@ -351,7 +366,7 @@ class Agent:
         """Begin a motion now, or once the actions that move its joints have ended."""
         joints = tuple(made.trajectories)
         if not self._operating.blocking(joints):
-            self._outcomes += self._motions.start(command.id, made)
+            self._outcomes += self._start_motion(command.id, made)
             return
         self._outcomes += [*self._operating.give_way(command.id, joints), *self._motions.release(joints, command.id)]
         self._operating.begin_when_free(command.id, joints, partial(self._begin_late, command))
@@ -359,9 +374,31 @@ class Agent:
     def _begin_late(self, command: Command) -> list[Outcome]:
         """Begin a motion that has waited, from where its joints are now."""
         try:
-            return self._motions.start(command.id, self._plan(command))
+            return self._start_motion(command.id, self._plan(command))
         except ImpossibleError as error:
             return [Outcome(command.id, "failed", joints_of(command.motion), str(error)[:1024])]
+
+    def _start_motion(self, id: str, made: Plan) -> list[Outcome]:
+        """Start a motion, which controllers follow if they can."""
+        outcomes = self._motions.start(id, made, followed=self._follower is not None)
+        self._leave_motions()
+        if self._follower is not None:
+            whole = self._motions.trajectories(self._group_of(made.trajectories), id)
+            if whole is None or not self._follower.follow(id, whole):
+                self._motions.take_back(made.trajectories)
+                self._motions.left.clear()
+        return outcomes
+
+    def _group_of(self, joints: Iterable[str]) -> list[str]:
+        """Return the joints, and all that are coupled to them."""
+        return list(dict.fromkeys(each for name in joints for each in (name, *self._coupled.get(name, ()))))
+
+    def _leave_motions(self) -> None:
+        """Tell the robot which motions its controllers are not to follow any more."""
+        while self._motions.left:
+            id = self._motions.left.pop()
+            if self._follower is not None:
+                self._follower.leave(id)
 
     def _plan(self, command: Command) -> Plan:
         """Plan the motion of a command from the present setpoints. Raises ImpossibleError."""
@@ -386,8 +423,10 @@ class Agent:
         reason = stop.reason or "stopped"
         others = partial(self._operating.still_running, acting)
         self._outcomes += self._operating.stop(stop, acting)
-        duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason, others, acting_s)
+        note = str if stop.command else self._end_others(joints)
+        duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason, others, acting_s, note)
         self._outcomes += outcomes
+        self._leave_motions()
         if self._fault is not None:
             # Nothing can be measured, so only the driver knows if the robot stands.
             problem = self._stop_robot() or "the driver was told to hold the robot, whose standstill cannot be measured"
@@ -395,6 +434,14 @@ class Agent:
         _log.warning("%s: stop %s: %s", self.name, stop.id, reason)
         self.demonstration.log_ended()
         return Accepted(stop.id, duration_s, cancelled, now_ns)
+
+    def _end_others(self, joints: Sequence[str]) -> Callable[[], str]:
+        """End what other clients of the robot's controllers move. Return what says later which that was."""
+        follower = self._follower
+        if follower is None:
+            return str
+        follower.end_others(joints)
+        return lambda: follower.ended_others
 
     def _leader(self, name: str) -> str | None:
         """Return the joint that takes the commands for ``name``, following mimics; None if there is none."""
@@ -496,12 +543,16 @@ class Agent:
         motions.setpoints.follow(reading.positions, () if idle else motions.driven, elapsed_s)
         if idle:
             return
+        if self._follower is not None:
+            for end in self._follower.ended():
+                self._outcomes += motions.end_followed(end.id, end.reason, self._measured.positions)
         setpoints, outcomes = motions.step(
             elapsed_s, self._measured, held=not self._gateway_present or bool(self._prevented)
         )
         self._outcomes += outcomes
         if setpoints:
             self._send(setpoints, elapsed_s)
+        self._leave_motions()
 
     def _send(self, setpoints: dict[str, float], elapsed_s: float) -> None:
         """Send setpoints to the robot. Nothing else does."""
@@ -510,6 +561,7 @@ class Agent:
             for name in group:
                 if math.isfinite(last[name]):
                     setpoints.setdefault(name, last[name])
+        self._motions.take_back(setpoints)
         try:
             self._motions.adopt_setpoints(self._robot.apply(last.limit(setpoints, elapsed_s)))
         except Exception as error:  # noqa: BLE001 - as in _read

@@ -98,6 +98,12 @@ class Axis:
         self.at_rest = self._time_s >= self.trajectory.duration_s
         return self.position
 
+    def finish(self) -> None:
+        """Take the trajectory as ended, because what follows it says so."""
+        self._time_s = self.trajectory.duration_s
+        self.position, self.velocity = self.trajectory.end, 0.0
+        self.at_rest = True
+
     def return_to(self, measured: float) -> None:
         """Move the setpoint back to the measured position, as slowly as any motion."""
         cruise = cruise_of(self.joint)

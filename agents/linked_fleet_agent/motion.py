@@ -15,7 +15,7 @@ from linked_fleet_agent.jog import Jog
 from linked_fleet_agent.plan import Plan, Start, joints_of
 from linked_fleet_agent.robot import JointFacts
 from linked_fleet_agent.setpoints import Setpoints
-from linked_fleet_agent.trajectory import RAMP_S, cruise_of, hold, reach_in
+from linked_fleet_agent.trajectory import RAMP_S, Trajectory, cruise_of, hold, reach_in
 from linked_fleet_agent.wire.messages import Follow, Move, StreamCounts
 
 # A joint that nothing drives, and that is further from its setpoint, moves or has a sensor that has jumped.
@@ -59,13 +59,15 @@ class _Motion:
     joints: tuple[str, ...]
     duration_s: float
     stopping: bool = False
-    note: str = ""
+    note: Callable[[], str] = str
     others: Callable[[], Sequence[str]] = tuple
     """Sentences about what else a stop waits for."""
     elapsed_s: float = 0.0
     """Time on its trajectories, which wait for joints that lag behind."""
     resting_s: float = 0.0
     """Time since all its trajectories have ended."""
+    followed: bool = False
+    """True while controllers follow its trajectories and judge it; no setpoints are sent meanwhile."""
 
     @property
     def progress(self) -> float:
@@ -97,6 +99,8 @@ class Motions:
         self._swaying = {sway.joint: _Swaying(sway) for sway in self.sways}
         self.setpoints = Setpoints(self.joints.values())
         self.jog = Jog(self.joints)
+        self.left: list[str] = []
+        """The motions that controllers have followed and are to leave, for the agent to tell the robot."""
 
     @property
     def driven(self) -> set[str]:
@@ -165,14 +169,53 @@ class Motions:
         """Return the ids of the motions that a new one on ``joints`` would preempt."""
         return tuple(motion.command_id for motion in self._on(joints))
 
-    def start(self, command_id: str, plan: Plan) -> list[Outcome]:
-        """Start a motion. An older motion that shares a joint with it is preempted, and its other joints brake."""
+    def start(self, command_id: str, plan: Plan, followed: bool = False) -> list[Outcome]:
+        """Start a motion. An older motion that shares a joint with it is preempted, and its other joints brake.
+
+        While it is ``followed``, controllers follow its trajectories and judge it.
+        """
         older, reason = self._on(plan.trajectories), f"replaced by command {command_id}"
         outcomes = self._end(older, "preempted", reason, command_id)
         for name, trajectory in plan.trajectories.items():
             self._swaying.pop(name, None)
             self._axis(name).follow(trajectory)
-        return [*outcomes, *self._begin(_Motion(command_id, tuple(plan.trajectories), plan.duration_s))]
+        motion = _Motion(command_id, tuple(plan.trajectories), plan.duration_s, followed=followed)
+        return [*outcomes, *self._begin(motion)]
+
+    def trajectories(self, joints: Iterable[str], command_id: str) -> dict[str, Trajectory] | None:
+        """Return what all of these joints are to follow: those of one motion, while the others stand at their setpoint.
+
+        None if another one moves, or its setpoint is not known.
+        """
+        own = {name for motion in self._running if motion.command_id == command_id for name in motion.joints}
+        found = dict[str, Trajectory]()
+        for name in joints:
+            if name not in own and (name in self.driven or not math.isfinite(self.setpoints[name])):
+                return None
+            found[name] = self._axes[name].trajectory if name in own else hold(self.setpoints[name])
+        return found
+
+    def take_back(self, joints: Collection[str]) -> None:
+        """Send setpoints again for the motions of these joints that controllers follow."""
+        for motion in self._on(joints):
+            self._leave(motion)
+
+    def end_followed(self, command_id: str, reason: str, measured: Mapping[str, float]) -> list[Outcome]:
+        """Take what controllers say about a motion that they follow: it has failed if they give a ``reason``."""
+        found = [each for each in self._running if each.command_id == command_id and each.followed]
+        for motion in found:
+            motion.followed = False
+            if not reason:
+                for name in motion.joints:
+                    self._axes[name].finish()
+                self.setpoints.adopt({name: self._axes[name].position for name in motion.joints})
+        if not reason:
+            return []
+        outcomes = self._end(found, "failed", reason[:1024])
+        for name in (name for motion in found for name in motion.joints):
+            if math.isfinite(measured[name]):
+                self._axes[name].return_to(measured[name])
+        return outcomes
 
     def release(self, joints: Collection[str], successor: str) -> list[Outcome]:
         """Brake ``joints`` for something else that is about to move them. Their motions are preempted."""
@@ -203,6 +246,7 @@ class Motions:
         reason: str,
         others: Callable[[], Sequence[str]] = tuple,
         others_s: float = 0.0,
+        note: Callable[[], str] = str,
     ) -> tuple[float, list[Outcome]]:
         """Brake the motion ``command_id``, or all ``joints`` if it is empty. Return the braking time in seconds and
         outcomes.
@@ -210,6 +254,7 @@ class Motions:
         A joint that this agent does not move is held where it is, because something else may move it. The stop is a
         motion itself, which succeeds when its joints have been measured at a standstill. Until then setpoints are sent.
         It also waits, ``others_s`` by itself, until ``others`` returns nothing; these are sentences for its failure.
+        ``note`` returns what else its end is to say.
         """
         ended = self._stoppable(joints, command_id)
         outcomes = self._end(ended, "cancelled", reason, stop_id)
@@ -226,8 +271,12 @@ class Motions:
         duration_s = max(self._brake(concerned), others_s)
         # A repeated stop replaces the first one.
         self._running = [motion for motion in self._running if not (motion.stopping and motion.command_id == stop_id)]
-        note = f"not measured, and so neither held nor seen to stand: {', '.join(unmeasured)}" if unmeasured else ""
-        stop = _Motion(stop_id, tuple(concerned), duration_s, stopping=True, note=note[:1024], others=others)
+        unseen = f"not measured, and so neither held nor seen to stand: {', '.join(unmeasured)}" if unmeasured else ""
+
+        def said() -> str:
+            return "; ".join(filter(None, (note(), unseen)))[:1024]
+
+        stop = _Motion(stop_id, tuple(concerned), duration_s, stopping=True, note=said, others=others)
         return duration_s, [*outcomes, *self._begin(stop)]
 
     def braking_s(self, joints: Collection[str], command_id: str = "") -> float:
@@ -257,6 +306,9 @@ class Motions:
             for name, axis in self._axes.items()
             if not axis.joint.passive and (not axis.at_rest or name in stopped)
         }
+        followed = {name for motion in self._running if motion.followed for name in motion.joints}
+        if followed:
+            self.setpoints.adopt({name: setpoints.pop(name) for name in followed & setpoints.keys()})
         return setpoints, [outcome for motion in list(self._running) for outcome in self._judge(motion, measured)]
 
     def running_progress(self) -> list[Outcome]:
@@ -285,6 +337,8 @@ class Motions:
     def fail_all(self, reason: str) -> list[Outcome]:
         """Fail all motions and drop their trajectories, because after a fault positions may differ from setpoints."""
         outcomes = [motion.outcome("failed", reason) for motion in self._running]
+        for motion in self._running:
+            self._leave(motion)
         self._running.clear()
         self._axes.clear()
         self.jog.release()
@@ -327,8 +381,14 @@ class Motions:
     def _end(self, motions: list[_Motion], state: State, reason: str, successor: str = "") -> list[Outcome]:
         for motion in motions:
             self._running.remove(motion)
+            self._leave(motion)
             self._brake(motion.joints)
         return [motion.outcome(state, reason, successor) for motion in motions]
+
+    def _leave(self, motion: _Motion) -> None:
+        if motion.followed:
+            motion.followed = False
+            self.left.append(motion.command_id)
 
     def _judge(self, motion: _Motion, measured: Measurements) -> Iterable[Outcome]:
         axes = [self._axes[name] for name in motion.joints]
@@ -345,6 +405,8 @@ class Motions:
         if unseen:
             why = measured.faults.get(unseen[0], f"the position of {unseen[0]} is not known any more")
             return self._end([motion], "failed", why[:1024])
+        if motion.followed:
+            return []
         if all([axis.arrived(measured) for axis in axes]):
             return self._succeed(motion)
         lost = [axis for axis in axes if axis.gives_up(measured, motion.resting_s)]
@@ -361,7 +423,7 @@ class Motions:
 
     def _succeed(self, motion: _Motion) -> list[Outcome]:
         self._running.remove(motion)
-        return [motion.outcome("succeeded", motion.note)]
+        return [motion.outcome("succeeded", motion.note())]
 
     def _give_up(self, motion: _Motion, axis: Axis, measured: Measurements) -> Outcome:
         name, unit = axis.joint.name, axis.joint.unit

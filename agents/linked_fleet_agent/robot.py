@@ -1,11 +1,12 @@
 """The interface of robot drivers. SI units: rad, m, N·m or N."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import NamedTuple, Protocol, runtime_checkable
 
 from linked_fleet_agent.components.component import Component
+from linked_fleet_agent.trajectory import Trajectory
 from linked_fleet_agent.urdf.facts import JointFacts as JointFacts
 from linked_fleet_agent.urdf.limits import Limits as Limits
 from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
@@ -47,7 +48,8 @@ class Reading:
     """Measured values in the order of ``Facts.joints``; NaN is unknown. ``base`` is set exactly on floating bases.
 
     ``measured_s`` are the times of the positions by the monotonic clock of ``read``; empty means now. ``faults`` gives
-    by joint why its sensor cannot be believed; the position of such a joint is NaN.
+    by joint why its sensor cannot be believed; the position of such a joint is NaN. ``held`` gives by joint why it
+    takes no commands now, as one whose controller is inactive.
     """
 
     positions: tuple[float, ...]
@@ -56,6 +58,7 @@ class Reading:
     base: Base | None = None
     measured_s: tuple[float, ...] = ()
     faults: Mapping[str, str] = field(default_factory=dict)
+    held: Mapping[str, str] = field(default_factory=dict)
 
 
 class Robot(Protocol):
@@ -93,6 +96,40 @@ class ComponentRobot(Protocol):
 
     def components(self) -> Sequence[Component]:
         """Return them; asked once, before the robot is read. Their methods run beside the driver's own."""
+
+
+class FollowedEnd(NamedTuple):
+    """How the controllers have ended the motion ``id``; ``reason`` says why they did not reach its end."""
+
+    id: str
+    reason: str = ""
+
+
+@runtime_checkable
+class TrajectoryRobot(Protocol):
+    """A driver whose controllers take whole trajectories, and say how they ended.
+
+    Setpoints for one of their joints, by ``apply``, replace a trajectory.
+    """
+
+    def follow(self, id: str, trajectories: Mapping[str, Trajectory]) -> bool:
+        """Let controllers follow the trajectories of the motion ``id``, or return False to get setpoints instead.
+
+        ``trajectories`` are those of all joints of each group that is ``coupled`` to the motion.
+        """
+
+    def leave(self, id: str) -> None:
+        """Let no controller follow the motion ``id`` any more, because the agent has ended it or sends setpoints."""
+
+    def ended(self) -> Sequence[FollowedEnd]:
+        """Return the motions that controllers have ended since the last call, but for those that were left."""
+
+    def end_others(self, joints: Collection[str]) -> None:
+        """End what other clients of the controllers of these joints move."""
+
+    @property
+    def ended_others(self) -> str:
+        """A sentence about what the last ``end_others`` has ended, as far as it is known; empty if nothing."""
 
 
 @runtime_checkable

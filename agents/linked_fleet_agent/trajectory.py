@@ -13,7 +13,8 @@ from itertools import pairwise
 from operator import attrgetter
 from typing import NamedTuple
 
-from linked_fleet_agent.robot import JointFacts, Limits
+from linked_fleet_agent.urdf.facts import JointFacts
+from linked_fleet_agent.urdf.limits import Limits
 
 
 class Segment(NamedTuple):

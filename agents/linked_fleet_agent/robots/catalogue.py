@@ -24,7 +24,7 @@ from linked_fleet_agent.robots.parts import (
     ToolPart,
     corners_of,
 )
-from linked_fleet_agent.robots.ros2.address import SCHEME, Address, AddressError, parse_address
+from linked_fleet_agent.robots.ros2.address import SCHEMES, Address, AddressError, parse_address
 from linked_fleet_agent.robots.trot import Leg
 from linked_fleet_agent.urdf import RobotModel, UrdfError, decode, joints_of
 from linked_fleet_agent.urdf.cutting import without
@@ -239,7 +239,7 @@ def load(name: str, source: str, floating: bool = False, roots: MeshRoots = NO_R
     UnavailableError if the file, the package or MuJoCo is missing, the file cannot be simulated, or the robot does not
     answer.
     """
-    if source.startswith(SCHEME):
+    if source.startswith(SCHEMES):
         return _find(name, source, floating, roots)
     model = MODELS.get(source)
     if model is not None:
@@ -294,7 +294,7 @@ def awaited(name: str, source: str, floating: bool = False) -> bool:
 
     Raises UnavailableError if its address is wrong, or its driver is not installed.
     """
-    if not source.startswith(SCHEME):
+    if not source.startswith(SCHEMES):
         return False
     _address(name, source, floating)
     _ros2_driver()

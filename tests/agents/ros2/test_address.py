@@ -20,10 +20,10 @@ AT = "ros2:tcp/192.0.2.1:7447"
             Address(
                 "tcp/192.0.2.1:7447",
                 42,
-                "/left/arm/joint_states",
-                "/left/arm/robot_description",
-                (Controller("/left/arm/joint_trajectory_controller/joint_trajectory"),),
-                1.5,
+                states="/left/arm/joint_states",
+                description="/left/arm/robot_description",
+                controllers=(Controller("/left/arm/joint_trajectory_controller/joint_trajectory"),),
+                stale_s=1.5,
             ),
         ),
         (
@@ -39,6 +39,13 @@ AT = "ros2:tcp/192.0.2.1:7447"
 )
 def test_valid_addresses_are_parsed(options: str, expected: Address) -> None:
     assert parse_address(AT + options) == expected
+
+
+def test_an_address_may_name_a_bridge_of_dds() -> None:
+    address = parse_address("ros2dds:tcp/192.0.2.1:7447?namespace=/arm")
+    assert address.bridge_only and address.states == "/arm/joint_states"
+    with pytest.raises(AddressError, match="the bridge of a ros2dds: address has its own ROS_DOMAIN_ID"):
+        parse_address("ros2dds:tcp/192.0.2.1:7447?domain=1")
 
 
 def test_the_folders_of_meshes_are_those_of_this_machine(tmp_path: Path) -> None:

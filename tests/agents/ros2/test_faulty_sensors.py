@@ -14,9 +14,8 @@ import pytest
 from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.robot import Facts
 from linked_fleet_agent.robots.ros2.address import parse_address
-from linked_fleet_agent.robots.ros2.graph import Mailbox, ReceivedMessage
+from linked_fleet_agent.robots.ros2.graph import Graph, Mailbox, ReceivedMessage
 from linked_fleet_agent.robots.ros2.robot import Ros2Robot, facts_of
-from linked_fleet_agent.robots.ros2.session import RosSession
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import Accepted, Command, Move, Progress, Refused, Reply, State, Stop
 from ros2_robot import STORE, joint_state, text
@@ -58,10 +57,10 @@ class Arm:
         self._inbox: list[ReceivedMessage] = []
         self._goal, self._left_s = dict(positions), 0.0
 
-    def listen(self, *_: object) -> "Arm":
+    def subscribe(self, *_: object) -> "Arm":
         return self
 
-    outlet = listen
+    outlet = subscribe
 
     def close(self) -> None:
         """Nothing is open."""
@@ -106,7 +105,7 @@ class Bench:
         self.arm = Arm({"shoulder": 0.0, "turntable": 0.0} | positions)
         self.frames: list[State] = []
         self.progress: list[Progress] = []
-        address, session = parse_address("ros2:tcp/127.0.0.1:1?stale=0.5"), cast(RosSession, self.arm)
+        address, session = parse_address("ros2:tcp/127.0.0.1:1?stale=0.5"), cast(Graph, self.arm)
         driver = Ros2Robot("arm", address, _facts(), session, Mailbox(1, 1))
         self.agent = Agent("arm", driver)
         self.path = [dict(self.arm.positions)]

@@ -1,16 +1,15 @@
 """A ROS 2 robot that sends another description while its agent runs. Without Zenoh."""
 
 import time
-from typing import Any, cast
+from typing import cast
 
 import pytest
 
 from descriptions_of_robots import arm
 from linked_fleet_agent.robot import NewDescriptionError, RobotFaultError
 from linked_fleet_agent.robots.ros2.address import parse_address
-from linked_fleet_agent.robots.ros2.graph import Mailbox, ReceivedMessage
+from linked_fleet_agent.robots.ros2.graph import Graph, Mailbox, ReceivedMessage
 from linked_fleet_agent.robots.ros2.robot import Ros2Robot, facts_of
-from linked_fleet_agent.robots.ros2.session import RosSession
 from ros2_robot import joint_state, text
 
 
@@ -20,7 +19,7 @@ class Session:
     def __init__(self) -> None:
         self.descriptions, self.states = Mailbox(100_000, 4), Mailbox(100_000, 4)
 
-    def listen(self, *_: object) -> Mailbox:
+    def subscribe(self, *_: object) -> Mailbox:
         return self.states
 
     def outlet(self, *_: object) -> None:
@@ -32,22 +31,12 @@ def _message(payload: bytes) -> ReceivedMessage:
 
 
 def _deliver(box: Mailbox, payload: bytes) -> None:
-    class Sample:
-        def __init__(self) -> None:
-            self.payload: Any = Payload(payload)
-
-    class Payload(bytes):
-        def to_bytes(self) -> bytes:
-            return bytes(self)
-
-    box.put(cast(Any, Sample()))
+    box.put(payload)
 
 
 def _robot(session: Session) -> Ros2Robot:
     facts = facts_of("r", _message(text(arm())))
-    return Ros2Robot(
-        "r", parse_address("ros2:tcp/127.0.0.1:7447"), facts, cast(RosSession, session), session.descriptions
-    )
+    return Ros2Robot("r", parse_address("ros2:tcp/127.0.0.1:7447"), facts, cast(Graph, session), session.descriptions)
 
 
 def _read(robot: Ros2Robot, session: Session) -> tuple[float, ...]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import parse_qsl
 
-SCHEME = "ros2:"
+SCHEMES = ("ros2:", "ros2dds:")
 _ENDPOINT = re.compile(r"((tcp|tls|quic|udp|ws)/[^\s?#/]+:[0-9]{1,5}|unixsock-stream/[^\s?#]+)(#[^\s?]+)?")
 # Names of topics and namespaces (ROS 2 design, "Topic and Service name mapping"): no segment begins with a digit.
 _RELATIVE = re.compile(r"[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*")
@@ -34,11 +34,13 @@ class Address:
 
     The robot counts as not measurable after ``stale_s`` without joint states. A motion succeeds when its joints stand
     within ``tolerance`` (rad or m) of their targets; None derives it from the joint states. ``meshes`` are folders of
-    this machine with the packages, or the meshes, that the description names.
+    this machine with the packages, or the meshes, that the description names. With ``bridge_only`` the driver joins ROS
+    by zenoh-bridge-ros2dds alone, else by rmw_zenoh too.
     """
 
     endpoint: str
     domain: int = 0
+    bridge_only: bool = False
     states: str = "/joint_states"
     description: str = "/robot_description"
     controllers: tuple[Controller, ...] = (Controller("/joint_trajectory_controller/joint_trajectory"),)
@@ -48,20 +50,27 @@ class Address:
 
 
 def parse_address(text: str) -> Address:
-    """Parse ``ros2:ENDPOINT?domain=0&namespace=/arm&…``. Raises AddressError.
+    """Parse ``ros2:ENDPOINT?domain=0&namespace=/arm&…``, or ``ros2dds:…``. Raises AddressError.
 
     Topics without a leading slash are relative to the namespace. ``commands=TOPIC:JOINT;JOINT`` may be repeated, once
     for each controller, and ``meshes=FOLDER`` for each folder.
     """
-    endpoint, separator, query = text.removeprefix(SCHEME).partition("?")
-    if not text.startswith(SCHEME) or not _ENDPOINT.fullmatch(endpoint):
-        raise AddressError(f"{text!r} is not ros2:ENDPOINT with a Zenoh endpoint such as tcp/192.0.2.1:7447")
+    scheme, _, rest = text.partition(":")
+    endpoint, separator, query = rest.partition("?")
+    if f"{scheme}:" not in SCHEMES or not _ENDPOINT.fullmatch(endpoint):
+        raise AddressError(
+            f"{text!r} is neither ros2:ENDPOINT nor ros2dds:ENDPOINT with a Zenoh endpoint such as tcp/192.0.2.1:7447"
+        )
     given = _options(query) if separator else {}
+    bridge_only = scheme == "ros2dds"
+    if bridge_only and "domain" in given:
+        raise AddressError("domain: the bridge of a ros2dds: address has its own ROS_DOMAIN_ID; leave out the option")
     namespace = _namespace(_one(given, "namespace", "/"))
     commands = given.pop("commands", ["joint_trajectory_controller/joint_trajectory"])
     folders = given.pop("meshes", [])
     address = Address(
         endpoint=endpoint,
+        bridge_only=bridge_only,
         domain=_domain(_one(given, "domain", "0")),
         states=_topic(_one(given, "states", "joint_states"), namespace),
         description=_topic(_one(given, "description", "robot_description"), namespace),

@@ -1,4 +1,4 @@
-"""A ROS 2 robot over Zenoh (rmw_zenoh), without a ROS installation (extra: ros)."""
+"""A ROS 2 robot over Zenoh, by rmw_zenoh or zenoh-bridge-ros2dds, without a ROS installation (extra: ros)."""
 
 import logging
 import math
@@ -10,9 +10,9 @@ from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots, mesh_files
 from linked_fleet_agent.robot import Facts, JointFacts, NewDescriptionError, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller
-from linked_fleet_agent.robots.ros2.graph import Mailbox, ReceivedMessage
+from linked_fleet_agent.robots.ros2.graph import Graph, Interface, Mailbox, Outlet, ReceivedMessage
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints, time_from_start_s
-from linked_fleet_agent.robots.ros2.session import Outlet, RosSession, Topic
+from linked_fleet_agent.robots.ros2.session import RosSession
 from linked_fleet_agent.urdf import RobotModel, UrdfError, joints_of
 
 _log = logging.getLogger(__name__)
@@ -22,22 +22,25 @@ TIMEOUT_S = 5.0
 _SETTLE_S = 2.0
 _LOOK_S = 0.02
 _LONGEST_TITLE = 256
-_NODE = "linked_fleet_agent"
+_NODE, _BRIDGE = "linked_fleet_agent", "zenoh-bridge-ros2dds"
 
 
 class Ros2Robot:
     """Driver over three topics: it reads ``/robot_description`` and ``/joint_states`` and sends ``JointTrajectory``."""
 
-    def __init__(self, name: str, address: Address, facts: Facts, session: RosSession, descriptions: Mailbox) -> None:
+    def __init__(self, name: str, address: Address, facts: Facts, session: Graph, descriptions: Mailbox) -> None:
         coupled = tuple(tuple(_joints_of(one, facts.joints)) for one in address.controllers)
         joints = tuple(replace(joint, tolerance=address.tolerance) for joint in facts.joints)
         self._name, self._facts, self._session = name, replace(facts, joints=joints, coupled=coupled), session
         self._descriptions, self._refused = descriptions, ""
         self._limits = {joint.name: joint.limits for joint in facts.joints}
         self._states = JointStates(name, facts.joints, address.states, address.stale_s)
-        self._inbox = session.listen(_topic(address, address.states, cdr.JOINT_STATE), cdr.MAX_STATE_BYTES)
+        self._inbox = session.subscribe(Interface(address.states, cdr.JOINT_STATE), cdr.MAX_STATE_BYTES)
         self._ways = [
-            (TrajectoryPoints(one.topic, _joints_of(one, facts.joints)), _outlet(session, address, one))
+            (
+                TrajectoryPoints(one.topic, _joints_of(one, facts.joints)),
+                session.outlet(Interface(one.topic, cdr.JOINT_TRAJECTORY)),
+            )
             for one in address.controllers
         ]
         self._last_known = dict[str, float]()
@@ -58,9 +61,9 @@ class Ros2Robot:
         deadline_s = time.monotonic() + timeout_s
         session = _opened(name, address, deadline_s)
         try:
-            topic = _topic(address, address.description, cdr.STRING)
-            descriptions = session.listen_latched(topic, cdr.MAX_TEXT_BYTES)
-            facts = _described(name, address, topic, descriptions, deadline_s)
+            topic = Interface(address.description, cdr.STRING)
+            descriptions = session.subscribe(topic, cdr.MAX_TEXT_BYTES, most=2, latched=True)
+            facts = _described(name, address, session, descriptions, deadline_s)
             facts = with_meshes(name, facts, address, roots)
             robot = cls(name, address, facts, session, descriptions)
             robot.wait_for_peers()
@@ -193,12 +196,8 @@ class Ros2Robot:
                 _log.warning("%s: bad joint state (%d so far): %.200s", self._name, self.bad_messages, error)
 
 
-def _topic(address: Address, name: str, message: str) -> Topic:
-    return Topic(address.domain, name, message, cdr.type_hash(message))
-
-
-def _outlet(session: RosSession, address: Address, controller: Controller) -> Outlet:
-    return session.outlet(_topic(address, controller.topic, cdr.JOINT_TRAJECTORY))
+def _outlet(session: Graph, controller: Controller) -> Outlet:
+    return session.outlet(Interface(controller.topic, cdr.JOINT_TRAJECTORY))
 
 
 def _joints_of(controller: Controller, joints: Iterable[JointFacts]) -> Sequence[str]:
@@ -206,17 +205,17 @@ def _joints_of(controller: Controller, joints: Iterable[JointFacts]) -> Sequence
 
 
 def _opened(name: str, address: Address, deadline_s: float) -> RosSession:
-    _log.info("%s: waiting for %s in domain %d at %s", name, address.description, address.domain, address.endpoint)
+    _log.info("%s: waiting for %s at %s", name, address.description, address.endpoint)
     while True:
         try:
-            return RosSession(address.endpoint, address.domain, _NODE)
+            return RosSession(address.endpoint, address.domain, _NODE, cdr.type_hash, address.bridge_only)
         except ConnectionError:
             if time.monotonic() > deadline_s:
                 raise
             time.sleep(_LOOK_S)
 
 
-def _described(name: str, address: Address, topic: Topic, box: Mailbox, deadline_s: float) -> Facts:
+def _described(name: str, address: Address, session: RosSession, box: Mailbox, deadline_s: float) -> Facts:
     """Return the facts of the first valid description. Raises TimeoutError with the reason of the last refusal."""
     refused = ""
     while time.monotonic() < deadline_s:
@@ -227,7 +226,10 @@ def _described(name: str, address: Address, topic: Topic, box: Mailbox, deadline
                 refused = f": the last one is refused: {error}"
                 _log.warning("%s: bad description: %s", name, error)
         time.sleep(_LOOK_S)
-    raise TimeoutError(f"no usable robot description came on {topic.name} in domain {address.domain}{refused}")
+    by = f"by {_BRIDGE}" if address.bridge_only else f"in domain {address.domain} of rmw_zenoh"
+    by += f" or by {_BRIDGE}" if session.is_bridged and not address.bridge_only else ""
+    met = "" if session.offers() else "; no node of ROS was met there"
+    raise TimeoutError(f"no usable robot description came on {address.description} {by}{met}{refused}")
 
 
 def facts_of(name: str, arrived: ReceivedMessage) -> Facts:

@@ -1,163 +1,253 @@
-"""The Zenoh session of the ROS 2 driver, and the keys, liveliness tokens and attachments of rmw_zenoh.
+"""The Zenoh session of the ROS 2 driver: its node in the ROS graph, over rmw_zenoh, zenoh-bridge-ros2dds or both.
 
-Keys, tokens and attachments follow docs/design.md of rmw_zenoh (ROS 2 Jazzy and later), and are pure. Apart from
-zenoh_session.py, no other module of the agent imports zenoh. The callbacks of the session only put bytes into bounded
-queues, which the driver empties in its own thread.
+Apart from zenoh_session.py, no other module of the agent imports zenoh. Callbacks of the session only put bytes into
+bounded queues, and tokens into a bounded table; the driver looks at both on its own thread.
 """
 
+import asyncio
 import secrets
-import struct
+import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, NamedTuple
 
 import zenoh
 from zenoh import ext
 
-from linked_fleet_agent.robots.ros2.graph import Mailbox
+from linked_fleet_agent.robots.ros2.graph import MAX_OFFERS, CallError, Interface, Mailbox, Offer, Outlet, Role
+from linked_fleet_agent.robots.ros2.transports import (
+    GID_BYTES,
+    KEEP_LAST_ONE,
+    LATCHED,
+    DdsBridge,
+    RmwZenoh,
+    Transport,
+    attachment,
+    is_bridge,
+)
 from linked_fleet_agent.zenoh_session import configuration
 
-GID_BYTES = 16
-Kind = Literal["MP", "MS"]
-# QoS policies: reliability, durability, history and depth, deadline, lifespan, liveliness. A field that has rmw_zenoh's
-# default stays empty. Reliable is such a default; durability 1 is transient local.
-KEEP_LAST_ONE = "::,1:,:,:,,"
-LATCHED = ":1:,1:,:,:,,"
-
-
-@dataclass(frozen=True)
-class Topic:
-    """A topic by its full name, ``type`` as in ``std_msgs/msg/String``, and the hash of that type (REP 2016)."""
-
-    domain: int
-    name: str
-    type: str
-    type_hash: str
-
-    @property
-    def key(self) -> str:
-        """The key expression of its messages."""
-        return f"{self.domain}/{self.name.strip('/')}/{self.dds_type}/{self.type_hash}"
-
-    @property
-    def dds_type(self) -> str:
-        package, kind, name = self.type.split("/")
-        return f"{package}::{kind}::dds_::{name}_"
-
-
-@dataclass(frozen=True)
-class Node:
-    """A ROS node in the root namespace; ``session`` is the identifier of its Zenoh session."""
-
-    domain: int
-    session: str
-    name: str
-
-    @property
-    def token(self) -> str:
-        """The liveliness token that announces the node to ROS."""
-        return self._token(0, "NN")
-
-    def token_of(self, number: int, kind: Kind, topic: Topic, quality: str) -> str:
-        """Return the token of a publisher (MP) or subscription (MS) of the node; each has its own ``number``."""
-        of_topic = (_mangled(topic.name), topic.dds_type, topic.type_hash, quality)
-        return "/".join((self._token(number, kind), *of_topic))
-
-    def _token(self, number: int, kind: str) -> str:
-        enclave, namespace = _mangled("/"), _mangled("/")
-        return f"@ros2_lv/{self.domain}/{self.session}/0/{number}/{kind}/{enclave}/{namespace}/{self.name}"
-
-
-def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
-    """Return the attachment of a message: sequence number from 1, wall time, sender (16 bytes with length prefix)."""
-    return struct.pack("<qqB16s", sequence, stamp_ns, GID_BYTES, gid)
-
-
-def _mangled(name: str) -> str:
-    return name.replace("/", "%")
-
-
 _LEASE_MS = 2_000
-_MOST_STATES, _MOST_DESCRIPTIONS = 32, 2
+_LONGEST_CALL_S = 86_400.0
+_MOST_KEYS = 8
+"""Most keys on which one topic is published: definitions of its type by the transports."""
 
 
-class Outlet:
-    """A publisher of one topic."""
-
-    def __init__(self, publisher: Any) -> None:
-        self._publisher = publisher
-        self._gid, self._sequence = secrets.token_bytes(GID_BYTES), 0
-
-    @property
-    def has_subscribers(self) -> bool:
-        """True if a subscriber is known to the router."""
-        return bool(self._publisher.matching_status.matching)
-
-    def put(self, payload: bytes) -> None:
-        """Publish without waiting. Raises zenoh.ZError if the session is closed."""
-        self._sequence += 1
-        self._publisher.put(payload, attachment=attachment(self._sequence, time.time_ns(), self._gid))
+class _Subscription(NamedTuple):
+    topic: Interface
+    box: Mailbox
+    latched: bool
 
 
 class RosSession:
-    """One ROS node with a Zenoh session of its own: a client of ``endpoint``, which is a ROS router or a listening
-    node.
+    """One node of ROS with a Zenoh session of its own: a client of ``endpoint``, which is a router or a bridge.
 
-    Zenoh reconnects and renews the declarations by itself. Raises ConnectionError if the endpoint does not answer.
+    It speaks rmw_zenoh unless ``bridge_only``, and joins the DDS side too as soon as a bridge is there. ``hash_of``
+    gives the hash (REP 2016) of a type by its name. Zenoh reconnects and renews the declarations by itself. Raises
+    ConnectionError if the endpoint does not answer.
     """
 
-    def __init__(self, endpoint: str, domain: int, node: str) -> None:
+    def __init__(
+        self, endpoint: str, domain: int, node: str, hash_of: Callable[[str], str], bridge_only: bool = False
+    ) -> None:
         config = configuration((endpoint,), (), _LEASE_MS)
         config.insert_json5("timestamping/enabled", "true")  # lets late joiners tell cached messages from newer ones
         try:
             self._session: Any = zenoh.open(config)
         except zenoh.ZError as error:
             raise ConnectionError(str(error).partition(" at /")[0]) from error
-        self._declared = ExitStack()
-        self._node = Node(domain, str(self._session.info.zid()), node)
-        self._number = 0
-        self._keep(self._session.liveliness().declare_token(self._node.token))
+        self._declared, self._hash_of, self._number = ExitStack(), hash_of, 0
+        self._rmw = None if bridge_only else RmwZenoh(domain, str(self._session.info.zid()), node)
+        self._bridge = DdsBridge()
+        self._transports: list[Transport] = []
+        self._subscriptions: list[_Subscription] = []
+        self._joining = threading.RLock()
+        self._gid, self._sequence = secrets.token_bytes(GID_BYTES), 0
+        self._heard = _Tokens(self._join_bridge)
+        if self._rmw is not None:
+            self._keep(self._session.liveliness().declare_token(self._rmw.node_token))
+            self._listen_to_tokens(self._rmw)
+            self._join(self._rmw)
+        self._listen_to_tokens(self._bridge)
+        if bridge_only:
+            self._join(self._bridge)
 
-    def listen(self, topic: Topic, longest: int) -> Mailbox:
-        """Subscribe to messages of up to ``longest`` bytes."""
-        box = Mailbox(longest, _MOST_STATES)
-        self._keep(self._session.declare_subscriber(topic.key, _into(box)))
-        self._show("MS", topic, KEEP_LAST_ONE)
-        return box
+    @property
+    def version(self) -> int:
+        return self._heard.version
 
-    def listen_latched(self, topic: Topic, longest: int) -> Mailbox:
-        """Subscribe, and fetch the last earlier message too (transient local)."""
-        box = Mailbox(longest, _MOST_DESCRIPTIONS)
-        history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
-        self._keep(ext.declare_advanced_subscriber(self._session, topic.key, _into(box), history=history))
-        self._show("MS", topic, LATCHED)
-        return box
+    @property
+    def is_bridged(self) -> bool:
+        """True if zenoh-bridge-ros2dds is, or was, there."""
+        return self._heard.has_bridge
 
-    def outlet(self, topic: Topic) -> Outlet:
+    def offers(self) -> Collection[Offer]:
+        return self._heard.offers()
+
+    def subscribe(self, topic: Interface, longest: int, most: int = 32, latched: bool = False) -> Mailbox:
+        """Subscribe on every transport, also one that comes later."""
+        subscription = _Subscription(topic, Mailbox(longest, most), latched)
+        with self._joining:
+            self._subscriptions.append(subscription)
+            for transport in self._transports:
+                self._subscribe(transport, subscription)
+        self._show("subscription", topic, LATCHED if latched else KEEP_LAST_ONE)
+        return subscription.box
+
+    def outlet(self, topic: Interface) -> Outlet:
         """Return a publisher that drops messages under congestion."""
-        publisher = self._session.declare_publisher(
-            topic.key, congestion_control=zenoh.CongestionControl.DROP, express=True
-        )
-        self._keep(publisher)
-        self._show("MP", topic, KEEP_LAST_ONE)
-        return Outlet(publisher)
+        self._show("publisher", topic, KEEP_LAST_ONE)
+        return _Outlet(self, topic)
+
+    async def call(self, service: Interface, request: bytes, longest: int) -> bytes:
+        """Call a service. Raises CallError, at once if no node offers it."""
+        ended: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
+        keys = self._heard.keys("service", service)
+        if not keys:
+            raise CallError(f"no node offers the service {service.name}")
+        cancellation: Any = zenoh.CancellationToken()
+        try:
+            self._session.get(
+                keys[0],
+                _until_reply(ended, service.name, longest),
+                payload=request,
+                attachment=self._attachment(),
+                timeout=_LONGEST_CALL_S,
+                consolidation=zenoh.ConsolidationMode.NONE,
+                cancellation_token=cancellation,
+            )
+            return await ended
+        except zenoh.ZError as error:
+            raise CallError(f"{service.name} was not called: {error}"[:300]) from error
+        finally:
+            cancellation.cancel()
 
     def close(self) -> None:
         """Leave the ROS graph. May be called again."""
-        self._declared.close()
-        self._session.close()
+        with self._joining:
+            self._transports.clear()
+            self._declared.close()
+            self._session.close()
 
-    def _show(self, kind: Kind, topic: Topic, quality: str) -> None:
-        self._keep(self._session.liveliness().declare_token(self._next_token(kind, topic, quality)))
+    def publish_on(self, topic: Interface) -> list[str]:
+        """Return the keys of a topic: of its subscribers, and with the own definition of its type."""
+        own = [each.key(topic, self._hash_of(topic.type)) for each in self._transports]
+        return list(dict.fromkeys([*own, *self._heard.keys("subscription", topic)]))[:_MOST_KEYS]
 
-    def _next_token(self, kind: Kind, topic: Topic, quality: str) -> str:
-        self._number += 1
-        return self._node.token_of(self._number, kind, topic, quality)
+    def declare_publisher(self, key: str) -> Any:
+        made = self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
+        self._keep(made)
+        return made
+
+    def _attachment(self) -> bytes:
+        self._sequence += 1
+        return attachment(self._sequence, time.time_ns(), self._gid)
+
+    def _listen_to_tokens(self, transport: Transport) -> None:
+        hear = zenoh.handlers.Callback(self._heard.listener(transport), indirect=False)
+        self._keep(self._session.liveliness().declare_subscriber(transport.tokens, hear, history=True))
+
+    def _join_bridge(self) -> None:
+        """Join the DDS side, in a thread: callbacks of Zenoh must not declare anything."""
+        with self._joining:
+            if self._transports and self._bridge not in self._transports:
+                self._join(self._bridge)
+
+    def _join(self, transport: Transport) -> None:
+        self._transports.append(transport)
+        for subscription in self._subscriptions:
+            self._subscribe(transport, subscription)
+
+    def _subscribe(self, transport: Transport, to: _Subscription) -> None:
+        key, take = transport.key(to.topic, ""), _into(to.box)
+        if to.latched:
+            history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
+            self._keep(ext.declare_advanced_subscriber(self._session, key, take, history=history))
+        else:
+            self._keep(self._session.declare_subscriber(key, take))
+
+    def _show(self, role: Role, topic: Interface, quality: str) -> None:
+        """Announce a part of the node to other nodes of rmw_zenoh. A bridge needs no announcement."""
+        if self._rmw is not None:
+            self._number += 1
+            token = self._rmw.token(self._number, role, topic, self._hash_of(topic.type), quality)
+            self._keep(self._session.liveliness().declare_token(token))
 
     def _keep(self, declared: Any) -> None:
         self._declared.callback(declared.undeclare)
+
+
+class _Tokens:
+    """What the tokens of other nodes announce, with the keys. Zenoh fills it from a thread of its own."""
+
+    def __init__(self, join_bridge: Callable[[], None]) -> None:
+        self._join_bridge = join_bridge
+        self._offers: dict[str, tuple[tuple[Offer, str], ...]] = {}
+        self._lock = threading.Lock()
+        self.version, self.has_bridge = 0, False
+
+    def listener(self, transport: Transport) -> Callable[[zenoh.Sample], None]:
+        """Return a callback that notes tokens of the transport."""
+
+        def take(sample: zenoh.Sample) -> None:
+            token = str(sample.key_expr)
+            if is_bridge(token) and not self.has_bridge:
+                self.has_bridge = True
+                threading.Thread(target=self._join_bridge, daemon=True).start()
+            self._note(token, transport, sample.kind == zenoh.SampleKind.PUT)
+
+        return take
+
+    def offers(self) -> list[Offer]:
+        return list(dict.fromkeys(offer for offer, _ in self._all()))
+
+    def keys(self, role: Role, interface: Interface) -> list[str]:
+        """Return the keys under which other nodes have the interface in this role."""
+        return list(
+            dict.fromkeys(key for offer, key in self._all() if (offer.role, offer.interface) == (role, interface))
+        )
+
+    def _all(self) -> list[tuple[Offer, str]]:
+        with self._lock:
+            return [each for offers in self._offers.values() for each in offers]
+
+    def _note(self, token: str, transport: Transport, alive: bool) -> None:
+        offers = [(each, transport.key(each.interface, each.type_hash)) for each in transport.offers_of(token)]
+        with self._lock:
+            if not alive:
+                self._offers.pop(token, None)
+            elif offers and (token in self._offers or len(self._offers) < MAX_OFFERS):
+                self._offers[token] = tuple(offers)
+            self.version += 1
+
+
+class _Outlet:
+    """A publisher of one topic, on the keys of all its subscribers."""
+
+    def __init__(self, session: RosSession, topic: Interface) -> None:
+        self._session, self._topic, self._version = session, topic, -1
+        self._publishers: dict[str, Any] = {}
+        self._gid, self._sequence = secrets.token_bytes(GID_BYTES), 0
+
+    @property
+    def has_subscribers(self) -> bool:
+        return any(each.matching_status.matching for each in self._current())
+
+    def put(self, payload: bytes) -> None:
+        """Publish without waiting. Raises zenoh.ZError if the session is closed."""
+        self._sequence += 1
+        said = attachment(self._sequence, time.time_ns(), self._gid)
+        for publisher in self._current():
+            publisher.put(payload, attachment=said)
+
+    def _current(self) -> Collection[Any]:
+        if self._version != self._session.version:
+            self._version = self._session.version
+            for key in self._session.publish_on(self._topic):
+                if key not in self._publishers and len(self._publishers) < _MOST_KEYS:
+                    self._publishers[key] = self._session.declare_publisher(key)
+        return self._publishers.values()
 
 
 def _into(box: Mailbox) -> Callable[[zenoh.Sample], None]:
@@ -168,3 +258,30 @@ def _into(box: Mailbox) -> Callable[[zenoh.Sample], None]:
         box.put(sample.payload.to_bytes() if fits else None)
 
     return take
+
+
+def _until_reply(ended: "asyncio.Future[bytes]", name: str, longest: int) -> Any:
+    """Return a handler that settles ``ended`` on its event loop by the first reply, or when there will be none."""
+    loop = ended.get_loop()
+
+    def settle(payload: bytes | None, why: str) -> None:
+        if ended.done():
+            return
+        if payload is None:
+            ended.set_exception(CallError(f"{name} {why}"))
+        else:
+            ended.set_result(payload)
+
+    def later(payload: bytes | None, why: str = "") -> None:
+        if not loop.is_closed():
+            loop.call_soon_threadsafe(settle, payload, why)
+
+    def take(reply: zenoh.Reply) -> None:
+        if reply.ok is None:
+            later(None, "answered with an error of Zenoh")
+        elif len(reply.ok.payload) > longest:
+            later(None, f"answered with {len(reply.ok.payload)} bytes; {longest} is the maximum")
+        else:
+            later(reply.ok.payload.to_bytes())
+
+    return zenoh.handlers.Callback(take, lambda: later(None, "did not answer"), indirect=False)
