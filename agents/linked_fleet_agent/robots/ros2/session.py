@@ -103,16 +103,17 @@ class RosSession:
     async def call(self, service: Interface, request: bytes, longest: int) -> bytes:
         """Call a service. Raises CallError, at once if no node offers it."""
         ended: asyncio.Future[bytes] = asyncio.get_running_loop().create_future()
-        keys = self._heard.keys("service", service)
-        if not keys:
+        offered = self._heard.keys("service", service)
+        if not offered:
             raise CallError(f"no node offers the service {service.name}")
+        key, transport = next(iter(offered.items()))
         cancellation: Any = zenoh.CancellationToken()
         try:
             self._session.get(
-                keys[0],
+                key,
                 _until_reply(ended, service.name, longest),
                 payload=request,
-                attachment=self._attachment(),
+                attachment=self._attachment() if transport.attaches else None,
                 timeout=_LONGEST_CALL_S,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 cancellation_token=cancellation,
@@ -130,10 +131,10 @@ class RosSession:
             self._declared.close()
             self._session.close()
 
-    def publish_on(self, topic: Interface) -> list[str]:
+    def keys_of(self, topic: Interface) -> dict[str, Transport]:
         """Return the keys of a topic: of its subscribers, and with the own definition of its type."""
-        own = [each.key(topic, self._hash_of(topic.type)) for each in self._transports]
-        return list(dict.fromkeys([*own, *self._heard.keys("subscription", topic)]))[:_MOST_KEYS]
+        own = {each.key(topic, self._hash_of(topic.type)): each for each in self._transports}
+        return {**own, **self._heard.keys("subscription", topic)}
 
     def declare_publisher(self, key: str) -> Any:
         made = self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
@@ -183,7 +184,7 @@ class _Tokens:
 
     def __init__(self, join_bridge: Callable[[], None]) -> None:
         self._join_bridge = join_bridge
-        self._offers: dict[str, tuple[tuple[Offer, str], ...]] = {}
+        self._offers: dict[str, tuple[Transport, tuple[Offer, ...]]] = {}
         self._lock = threading.Lock()
         self.version, self.has_bridge = 0, False
 
@@ -200,25 +201,26 @@ class _Tokens:
         return take
 
     def offers(self) -> list[Offer]:
-        return list(dict.fromkeys(offer for offer, _ in self._all()))
-
-    def keys(self, role: Role, interface: Interface) -> list[str]:
-        """Return the keys under which other nodes have the interface in this role."""
-        return list(
-            dict.fromkeys(key for offer, key in self._all() if (offer.role, offer.interface) == (role, interface))
-        )
-
-    def _all(self) -> list[tuple[Offer, str]]:
         with self._lock:
-            return [each for offers in self._offers.values() for each in offers]
+            return list(dict.fromkeys(offer for _, offers in self._offers.values() for offer in offers))
+
+    def keys(self, role: Role, interface: Interface) -> dict[str, Transport]:
+        """Return the keys under which other nodes have the interface in this role, with their transport."""
+        with self._lock:
+            return {
+                transport.key(interface, offer.type_hash): transport
+                for transport, offers in self._offers.values()
+                for offer in offers
+                if (offer.role, offer.interface) == (role, interface)
+            }
 
     def _note(self, token: str, transport: Transport, alive: bool) -> None:
-        offers = [(each, transport.key(each.interface, each.type_hash)) for each in transport.offers_of(token)]
+        offers = transport.offers_of(token)
         with self._lock:
             if not alive:
                 self._offers.pop(token, None)
             elif offers and (token in self._offers or len(self._offers) < MAX_OFFERS):
-                self._offers[token] = tuple(offers)
+                self._offers[token] = transport, offers
             self.version += 1
 
 
@@ -227,26 +229,26 @@ class _Outlet:
 
     def __init__(self, session: RosSession, topic: Interface) -> None:
         self._session, self._topic, self._version = session, topic, -1
-        self._publishers: dict[str, Any] = {}
+        self._publishers: dict[str, tuple[Any, bool]] = {}
         self._gid, self._sequence = secrets.token_bytes(GID_BYTES), 0
 
     @property
     def has_subscribers(self) -> bool:
-        return any(each.matching_status.matching for each in self._current())
+        return any(publisher.matching_status.matching for publisher, _ in self._current())
 
     def put(self, payload: bytes) -> None:
         """Publish without waiting. Raises zenoh.ZError if the session is closed."""
         self._sequence += 1
         said = attachment(self._sequence, time.time_ns(), self._gid)
-        for publisher in self._current():
-            publisher.put(payload, attachment=said)
+        for publisher, attaches in self._current():
+            publisher.put(payload, attachment=said if attaches else None)
 
-    def _current(self) -> Collection[Any]:
+    def _current(self) -> Collection[tuple[Any, bool]]:
         if self._version != self._session.version:
             self._version = self._session.version
-            for key in self._session.publish_on(self._topic):
+            for key, transport in self._session.keys_of(self._topic).items():
                 if key not in self._publishers and len(self._publishers) < _MOST_KEYS:
-                    self._publishers[key] = self._session.declare_publisher(key)
+                    self._publishers[key] = self._session.declare_publisher(key), transport.attaches
         return self._publishers.values()
 
 

@@ -39,6 +39,10 @@ class Transport(Protocol):
     def offers_of(self, token: str) -> tuple[Offer, ...]:
         """Return what a token announces; nothing if it is none of this transport."""
 
+    @property
+    def attaches(self) -> bool:
+        """True if messages and requests have an ``attachment``."""
+
 
 def attachment(sequence: int, stamp_ns: int, gid: bytes) -> bytes:
     """Return the attachment of a message or request: sequence number from 1, wall time, sender with length prefix."""
@@ -52,6 +56,7 @@ class RmwZenoh:
     domain: int
     session: str = ""
     node: str = ""
+    attaches: bool = True
 
     @property
     def tokens(self) -> str:
@@ -95,6 +100,7 @@ class DdsBridge:
     """
 
     tokens: str = "@/*/@ros2_lv/**"
+    attaches: bool = False
 
     def key(self, interface: Interface, type_hash: str) -> str:
         return interface.name.strip("/")
