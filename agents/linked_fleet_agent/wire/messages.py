@@ -221,7 +221,7 @@ class Condition(Struct, frozen=True, kw_only=True):
     """The condition of a robot, as its agent sees it.
 
     ``fault`` is why the robot cannot be read or driven now, empty if it can. ``sensors`` has a sentence for each joint
-    whose sensor cannot be believed.
+    whose sensor cannot be believed, or that takes no commands now.
     """
 
     version: int

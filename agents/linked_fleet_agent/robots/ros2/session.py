@@ -154,6 +154,7 @@ class RosSession:
         with self._joining:
             if self._transports and self._bridge not in self._transports:
                 self._join(self._bridge)
+                self._heard.version += 1
 
     def _join(self, transport: Transport) -> None:
         self._transports.append(transport)
