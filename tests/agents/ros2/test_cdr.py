@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.cdr import CdrError, JointState
-from ros2_robot import STORE, joint_state, text
+from ros2_robot import joint_state, text
 
 # A JointState by hand, from the rules of plain CDR (OMG DDS-XTypes 1.3, 7.4.3.2; version 1): after four bytes of
 # encapsulation everything is aligned to its own size, and a string has its length with the NUL that ends it.
@@ -97,4 +97,3 @@ def test_a_text_is_read() -> None:
     assert cdr.read_string(text("<robot/> äöü")) == "<robot/> äöü"
     with pytest.raises(CdrError):
         cdr.read_string(text("x" * cdr.MAX_TEXT_BYTES))
-    assert STORE is not cdr._STORE
