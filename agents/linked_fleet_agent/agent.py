@@ -423,7 +423,7 @@ class Agent:
         reason = stop.reason or "stopped"
         others = partial(self._operating.still_running, acting)
         self._outcomes += self._operating.stop(stop, acting)
-        note = str if stop.command else self._end_others(joints)
+        note = str if stop.command else self._end_others(joints if stop.joints else (*joints, BASE))
         duration_s, outcomes = self._motions.stop(stop.id, joints, stop.command, reason, others, acting_s, note)
         self._outcomes += outcomes
         self._leave_motions()

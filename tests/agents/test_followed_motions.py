@@ -152,7 +152,7 @@ def test_a_stop_leaves_the_motion_brakes_and_ends_what_others_move(bench: Bench)
     bench.move("m", pan=2.0)
     bench.tick(0.5)
     bench.stop("s")
-    assert (bench.robot.left, bench.robot.others) == (["m"], [_JOINTS])
+    assert (bench.robot.left, bench.robot.others) == (["m"], [(*_JOINTS, "base")])
     bench.tick(1.0)
     assert bench.end("m").state == "cancelled"
     assert (bench.end("s").state, bench.end("s").reason) == ("succeeded", "a goal of another client was cancelled")

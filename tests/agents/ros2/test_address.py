@@ -20,9 +20,9 @@ AT = "ros2:tcp/192.0.2.1:7447"
             Address(
                 "tcp/192.0.2.1:7447",
                 42,
+                namespace="/left/arm",
                 states="/left/arm/joint_states",
                 description="/left/arm/robot_description",
-                controllers=(Controller("/left/arm/joint_trajectory_controller/joint_trajectory"),),
                 stale_s=1.5,
             ),
         ),
@@ -30,6 +30,7 @@ AT = "ros2:tcp/192.0.2.1:7447"
             "?namespace=/a&states=/joint_states&commands=c/joint_trajectory:j%201;k&commands=/d/t:l",
             Address(
                 "tcp/192.0.2.1:7447",
+                namespace="/a",
                 states="/joint_states",
                 description="/a/robot_description",
                 controllers=(Controller("/a/c/joint_trajectory", ("j 1", "k")), Controller("/d/t", ("l",))),

@@ -35,18 +35,27 @@ class Address:
     The robot counts as not measurable after ``stale_s`` without joint states. A motion succeeds when its joints stand
     within ``tolerance`` (rad or m) of their targets; None derives it from the joint states. ``meshes`` are folders of
     this machine with the packages, or the meshes, that the description names. With ``bridge_only`` the driver joins ROS
-    by zenoh-bridge-ros2dds alone, else by rmw_zenoh too.
+    by zenoh-bridge-ros2dds alone, else by rmw_zenoh too. Without ``controllers`` the robot is asked for its own.
+    ``types`` are folders with definitions of messages, ``distro`` is the distribution of ROS if its types do not say.
+    ``expose`` and ``deny`` are patterns of names of topics, services and actions that become components, or do not,
+    beside those of the file ``config``.
     """
 
     endpoint: str
     domain: int = 0
     bridge_only: bool = False
+    namespace: str = ""
     states: str = "/joint_states"
     description: str = "/robot_description"
-    controllers: tuple[Controller, ...] = (Controller("/joint_trajectory_controller/joint_trajectory"),)
+    controllers: tuple[Controller, ...] = ()
     stale_s: float = 0.5
     tolerance: float | None = None
     meshes: tuple[Path, ...] = ()
+    types: tuple[Path, ...] = ()
+    distro: str = ""
+    config: Path | None = None
+    expose: tuple[str, ...] = ()
+    deny: tuple[str, ...] = ()
 
 
 def parse_address(text: str) -> Address:
@@ -66,21 +75,32 @@ def parse_address(text: str) -> Address:
     if bridge_only and "domain" in given:
         raise AddressError("domain: the bridge of a ros2dds: address has its own ROS_DOMAIN_ID; leave out the option")
     namespace = _namespace(_one(given, "namespace", "/"))
-    commands = given.pop("commands", ["joint_trajectory_controller/joint_trajectory"])
-    folders = given.pop("meshes", [])
+    commands = given.pop("commands", [])
+    folders, types = given.pop("meshes", []), given.pop("types", [])
+    expose, deny = given.pop("expose", []), given.pop("deny", [])
+    config = _one(given, "config", "")
     address = Address(
         endpoint=endpoint,
         bridge_only=bridge_only,
+        namespace=namespace,
         domain=_domain(_one(given, "domain", "0")),
         states=_topic(_one(given, "states", "joint_states"), namespace),
         description=_topic(_one(given, "description", "robot_description"), namespace),
         controllers=_controllers(commands, namespace),
         stale_s=_stale(_one(given, "stale", "0.5")),
         tolerance=_tolerance(_one(given, "tolerance", "")),
-        meshes=tuple(_folder(each) for each in folders),
+        meshes=tuple(_folder("meshes", each) for each in folders),
+        types=tuple(_folder("types", each) for each in types),
+        distro=_one(given, "distro", ""),
+        config=_file(config) if config else None,
+        expose=tuple(expose),
+        deny=tuple(deny),
     )
     if given:
-        known = "domain, namespace, states, description, commands, stale, tolerance and meshes"
+        known = (
+            "domain, namespace, states, description, commands, stale, tolerance, meshes, types, distro, config, expose "
+            "and deny"
+        )
         raise AddressError(f"{next(iter(given))!r} is not an option of a ROS 2 robot; the options are {known}")
     return address
 
@@ -126,9 +146,15 @@ def _tolerance(text: str) -> float | None:
     return float(text)
 
 
-def _folder(text: str) -> Path:
+def _folder(option: str, text: str) -> Path:
     if not Path(text).is_dir():
-        raise AddressError(f"meshes={text!r} is not a folder of this machine")
+        raise AddressError(f"{option}={text!r} is not a folder of this machine")
+    return Path(text)
+
+
+def _file(text: str) -> Path:
+    if not Path(text).is_file():
+        raise AddressError(f"config={text!r} is not a file of this machine")
     return Path(text)
 
 

@@ -16,6 +16,7 @@ from linked_fleet_agent.robot import JointFacts, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2.cdr import JointState
 from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.setpoints import HOLDING
+from linked_fleet_agent.urdf.joints import Mimic
 
 _log = logging.getLogger(__name__)
 
@@ -40,11 +41,20 @@ class JointStates:
     """Joint states of one robot from one or several publishers. Times are monotonic seconds of arrival.
 
     A joint without news for ``stale_s`` is unknown, and so is one whose positions contradict each other. If no joint
-    has news, the robot cannot be measured.
+    has news, the robot cannot be measured. The position of a joint of ``mimics`` follows from that of the joint that it
+    follows, while nobody states it.
     """
 
-    def __init__(self, robot: str, joints: Iterable[JointFacts], topic: str, stale_s: float) -> None:
+    def __init__(
+        self,
+        robot: str,
+        joints: Iterable[JointFacts],
+        topic: str,
+        stale_s: float,
+        mimics: Mapping[str, Mimic] | None = None,
+    ) -> None:
         self._robot, self._topic, self._stale_s = robot, topic, stale_s
+        self._mimics = mimics or {}
         self._sensors = {joint.name: JointSensor(joint, _PERIOD_S) for joint in joints}
         self._joints: dict[str, _JointSample | None] = dict.fromkeys(self._sensors)
         self._strangers: set[str] = set()
@@ -87,7 +97,14 @@ class JointStates:
 
     def _fresh_sample(self, name: str, now_s: float) -> _JointSample | None:
         said = self._joints[name]
-        return None if said is None or now_s - said.arrived_s > self._stale_s else said
+        if said is not None and now_s - said.arrived_s <= self._stale_s:
+            return said
+        mimic = self._mimics.get(name)
+        leader = None if mimic is None else self._fresh_sample(mimic.joint, now_s)
+        if mimic is None or leader is None:
+            return None
+        at, velocity = mimic.multiplier * leader.position + mimic.offset, mimic.multiplier * leader.velocity
+        return leader._replace(position=at, velocity=velocity, effort=math.nan)
 
     def _warn_of_unknown(self, name: str) -> None:
         if name not in self._strangers and len(self._strangers) < _MOST_STRANGERS:

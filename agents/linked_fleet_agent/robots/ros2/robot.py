@@ -1,19 +1,40 @@
 """A ROS 2 robot over Zenoh, by rmw_zenoh or zenoh-bridge-ros2dds, without a ROS installation (extra: ros)."""
 
+import asyncio
 import logging
 import math
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 
-from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots, mesh_files
-from linked_fleet_agent.robot import Facts, JointFacts, NewDescriptionError, Reading, RobotFaultError
+from linked_fleet_agent.components.component import Component
+from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots
+from linked_fleet_agent.robot import Facts, FollowedEnd, NewDescriptionError, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
-from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller
+from linked_fleet_agent.robots.ros2.address import Address
+from linked_fleet_agent.robots.ros2.controllers import Controllers
+from linked_fleet_agent.robots.ros2.finding import (
+    controllers_of,
+    described,
+    facts_of,
+    joints_of_controller,
+    listen_to_descriptions,
+    open_session,
+    settled,
+    types_of,
+    usual_controllers,
+    with_controllers,
+    with_meshes,
+)
 from linked_fleet_agent.robots.ros2.graph import Graph, Interface, Mailbox, Outlet, ReceivedMessage
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints, time_from_start_s
-from linked_fleet_agent.robots.ros2.session import RosSession
-from linked_fleet_agent.urdf import RobotModel, UrdfError, joints_of
+from linked_fleet_agent.robots.ros2.own_graph import OwnGraph
+from linked_fleet_agent.robots.ros2.parts import Parts
+from linked_fleet_agent.robots.ros2.search import find_parts
+from linked_fleet_agent.robots.ros2.types import MessageTypes
+from linked_fleet_agent.trajectory import Trajectory
+from linked_fleet_agent.urdf import RobotModel, UrdfError
+from linked_fleet_agent.wire.components import BASE
 
 _log = logging.getLogger(__name__)
 
@@ -21,31 +42,45 @@ TIMEOUT_S = 5.0
 """Longest wait of one attempt to find a robot."""
 _SETTLE_S = 2.0
 _LOOK_S = 0.02
-_LONGEST_TITLE = 256
-_NODE, _BRIDGE = "linked_fleet_agent", "zenoh-bridge-ros2dds"
+_RESTING_S = 3.0
+"""A robot that was not commanded for this time may be loaded anew when more of it is found."""
 
 
 class Ros2Robot:
-    """Driver over three topics: it reads ``/robot_description`` and ``/joint_states`` and sends ``JointTrajectory``."""
+    """Driver of a robot whose description, joint states and controllers are on topics, services and actions of ROS."""
 
-    def __init__(self, name: str, address: Address, facts: Facts, session: Graph, descriptions: Mailbox) -> None:
-        coupled = tuple(tuple(_joints_of(one, facts.joints)) for one in address.controllers)
-        joints = tuple(replace(joint, tolerance=address.tolerance) for joint in facts.joints)
-        self._name, self._facts, self._session = name, replace(facts, joints=joints, coupled=coupled), session
+    def __init__(
+        self,
+        name: str,
+        address: Address,
+        facts: Facts,
+        graph: Graph,
+        descriptions: Mailbox,
+        controllers: Controllers | None = None,
+        parts: Parts | None = None,
+    ) -> None:
+        controllers = controllers or usual_controllers(address)
+        self._name, self._graph, self._address = name, graph, address
+        self._facts = with_controllers(facts, controllers.chosen, address.tolerance)
+        self._parts = parts or Parts()
+        if self._parts.whereabouts is not None:
+            self._facts = replace(self._facts, floating=True)
         self._descriptions, self._refused = descriptions, ""
-        self._limits = {joint.name: joint.limits for joint in facts.joints}
-        self._states = JointStates(name, facts.joints, address.states, address.stale_s)
-        self._inbox = session.subscribe(Interface(address.states, cdr.JOINT_STATE), cdr.MAX_STATE_BYTES)
+        self._limits = {joint.name: joint.limits for joint in self._facts.joints}
+        joints = RobotModel.for_urdf(facts.urdf).joints
+        mimics = {joint.name: joint.mimic for joint in joints.values() if joint.mimic is not None}
+        self._states = JointStates(name, self._facts.joints, address.states, address.stale_s, mimics)
+        self._inbox = graph.subscribe(Interface(address.states, cdr.JOINT_STATE), cdr.MAX_STATE_BYTES)
         self._ways = [
-            (
-                TrajectoryPoints(one.topic, _joints_of(one, facts.joints)),
-                session.outlet(Interface(one.topic, cdr.JOINT_TRAJECTORY)),
-            )
-            for one in address.controllers
+            (TrajectoryPoints(each.topic, joints_of_controller(each, self._facts)), self._outlet(each.topic))
+            for each in controllers.chosen
         ]
+        self._parts.position = lambda joint: self._states.position(joint, time.monotonic())
+        self._parts.bad_states = lambda: self.bad_messages
         self._last_known = dict[str, float]()
         self.bad_messages = 0
         self._read_s = self._cycle_s = 0.0
+        self._commanded_s = -math.inf
 
     @classmethod
     def find(
@@ -58,44 +93,73 @@ class Ros2Robot:
         Raises ConnectionError if the endpoint does not answer within ``timeout_s``, TimeoutError if no description
         arrives, AddressError if a controller names joints that the robot does not have.
         """
+        return asyncio.run(cls._find(name, address, timeout_s, roots))
+
+    @classmethod
+    async def _find(cls, name: str, address: Address, timeout_s: float, roots: MeshRoots) -> "Ros2Robot":
         deadline_s = time.monotonic() + timeout_s
-        session = _opened(name, address, deadline_s)
+        types = types_of(address)
+        graph = await open_session(name, address, types.hash_of, deadline_s)
         try:
-            topic = Interface(address.description, cdr.STRING)
-            descriptions = session.subscribe(topic, cdr.MAX_TEXT_BYTES, most=2, latched=True)
-            facts = _described(name, address, session, descriptions, deadline_s)
-            facts = with_meshes(name, facts, address, roots)
-            robot = cls(name, address, facts, session, descriptions)
-            robot.wait_for_peers()
+            return await cls.join(name, address, graph, types, deadline_s, roots)
         except BaseException:
-            session.close()
+            graph.close()
             raise
+
+    @classmethod
+    async def join(
+        cls,
+        name: str,
+        address: Address,
+        graph: Graph,
+        types: MessageTypes | None = None,
+        deadline_s: float = math.inf,
+        roots: MeshRoots = NO_ROOTS,
+    ) -> "Ros2Robot":
+        """Find the robot in a graph. Raises TimeoutError, AddressError."""
+        types = types or types_of(address)
+        descriptions = listen_to_descriptions(graph, address)
+        facts = with_meshes(name, await described(name, address, graph, descriptions, deadline_s), address, roots)
+        await settled(graph)
+        controllers = await controllers_of(graph, types, address, facts)
+        parts = await find_parts(OwnGraph(graph, types, address.namespace), facts, controllers)
+        robot = cls(name, address, facts, graph, descriptions, controllers, parts)
+        await robot.wait_for_peers()
         return robot
 
-    def wait_for_peers(self) -> None:
+    async def wait_for_peers(self) -> None:
         """Wait up to ``_SETTLE_S`` for a first joint state and for the controllers to listen; log what is missing."""
         deadline_s = time.monotonic() + _SETTLE_S
         while missing := self._missing():
             if time.monotonic() > deadline_s:
                 _log.warning("%s: not there yet: %s", self._name, ", ".join(missing))
                 return
-            time.sleep(_LOOK_S)
+            await asyncio.sleep(_LOOK_S)
 
     def describe(self) -> Facts:
         return self._facts
+
+    def components(self) -> Sequence[Component]:
+        return self._parts.components
 
     def read(self, now_s: float) -> Reading:
         """Return the last joint states, by arrival time.
 
         Raises RobotFaultError if none arrived recently or the last description is refused, NewDescriptionError if a
-        different one has arrived.
+        different one has arrived, or more of the robot was found while it rests.
         """
         self._check_descriptions()
         here_s = time.monotonic()
         self._cycle_s, self._read_s = here_s - self._read_s, here_s
+        if self._parts.anew and here_s - self._commanded_s > _RESTING_S and not self._parts.is_busy:
+            raise NewDescriptionError(self._parts.anew)
         for arrived in self._inbox.fetch():
             self._take(arrived)
-        return self._states.reading(here_s)
+        reading = self._states.reading(here_s)
+        if self._parts.whereabouts is not None:
+            self._parts.whereabouts.update()
+            reading = replace(reading, base=self._parts.whereabouts.reading(here_s))
+        return replace(reading, held=self._parts.held) if self._parts.held else reading
 
     def apply(self, setpoints: Mapping[str, float]) -> dict[str, float]:
         """Send each affected controller its next point, with the setpoints of all its joints.
@@ -111,17 +175,19 @@ class Ros2Robot:
         stray = applied.keys() - {name for follower, _ in self._ways for name in follower.joints}
         if stray:
             raise KeyError(f"no controller has {', '.join(sorted(stray))}")
+        self._commanded_s = now_s
         for follower, outlet in self._ways:
             if not applied.keys().isdisjoint(follower.joints):
                 self._send(follower, outlet, follower.next(applied, now_s))
         return applied
 
     def stop(self) -> None:
-        """Send every controller the present positions of its joints.
+        """Send every controller the present positions of its joints, and cancel what they follow.
 
         Raises RobotFaultError if one cannot be reached.
         """
         now_s, measured = time.monotonic(), self._measured()
+        self._parts.end_others([*self._limits, BASE])
         problems = []
         for follower, outlet in self._ways:
             try:
@@ -131,8 +197,28 @@ class Ros2Robot:
         if problems:
             raise RobotFaultError("; ".join(problems))
 
+    def follow(self, id: str, trajectories: Mapping[str, Trajectory]) -> bool:
+        self._commanded_s = time.monotonic()
+        return self._parts.following.follow(id, trajectories)
+
+    def leave(self, id: str) -> None:
+        self._parts.following.leave(id)
+
+    def ended(self) -> Sequence[FollowedEnd]:
+        return self._parts.following.ended()
+
+    def end_others(self, joints: Collection[str]) -> None:
+        self._parts.end_others(joints)
+
+    @property
+    def ended_others(self) -> str:
+        return self._parts.following.ended_others
+
     def close(self) -> None:
-        self._session.close()
+        self._graph.close()
+
+    def _outlet(self, topic: str) -> Outlet:
+        return self._graph.outlet(Interface(topic, cdr.JOINT_TRAJECTORY))
 
     def _missing(self) -> list[str]:
         try:
@@ -194,71 +280,3 @@ class Ros2Robot:
             # logs the 1st, 2nd, 4th … message, so that a flood does not fill the log
             if self.bad_messages.bit_count() == 1:
                 _log.warning("%s: bad joint state (%d so far): %.200s", self._name, self.bad_messages, error)
-
-
-def _outlet(session: Graph, controller: Controller) -> Outlet:
-    return session.outlet(Interface(controller.topic, cdr.JOINT_TRAJECTORY))
-
-
-def _joints_of(controller: Controller, joints: Iterable[JointFacts]) -> Sequence[str]:
-    return controller.joints or [joint.name for joint in joints if joint.mimics is None]
-
-
-def _opened(name: str, address: Address, deadline_s: float) -> RosSession:
-    _log.info("%s: waiting for %s at %s", name, address.description, address.endpoint)
-    while True:
-        try:
-            return RosSession(address.endpoint, address.domain, _NODE, cdr.type_hash, address.bridge_only)
-        except ConnectionError:
-            if time.monotonic() > deadline_s:
-                raise
-            time.sleep(_LOOK_S)
-
-
-def _described(name: str, address: Address, session: RosSession, box: Mailbox, deadline_s: float) -> Facts:
-    """Return the facts of the first valid description. Raises TimeoutError with the reason of the last refusal."""
-    refused = ""
-    while time.monotonic() < deadline_s:
-        for arrived in box.fetch():
-            try:
-                return _with_controllers(facts_of(name, arrived), address.controllers)
-            except (cdr.CdrError, UrdfError) as error:
-                refused = f": the last one is refused: {error}"
-                _log.warning("%s: bad description: %s", name, error)
-        time.sleep(_LOOK_S)
-    by = f"by {_BRIDGE}" if address.bridge_only else f"in domain {address.domain} of rmw_zenoh"
-    by += f" or by {_BRIDGE}" if session.is_bridged and not address.bridge_only else ""
-    met = "" if session.offers() else "; no node of ROS was met there"
-    raise TimeoutError(f"no usable robot description came on {address.description} {by}{met}{refused}")
-
-
-def facts_of(name: str, arrived: ReceivedMessage) -> Facts:
-    """Parse a description. Raises CdrError or UrdfError if it is not that of a robot with joints."""
-    if arrived.payload is None:
-        raise cdr.CdrError("it is too long")
-    urdf = cdr.read_string(arrived.payload)
-    joints = joints_of(urdf)
-    names = {joint.name for joint in joints}
-    if not 0 < len(names) == len(joints) <= cdr.MAX_JOINTS:
-        raise UrdfError(f"{len(joints)} joints with {len(names)} different names are not the joints of a robot")
-    return Facts(RobotModel.for_urdf(urdf).name[:_LONGEST_TITLE], urdf, joints)
-
-
-def with_meshes(name: str, facts: Facts, address: Address, roots: MeshRoots) -> Facts:
-    """Return the facts with the meshes in the folders of the address and in ``roots``."""
-    all_roots = MeshRoots((*address.meshes, *roots.folders), roots.prefixes)
-    return replace(facts, meshes=mesh_files(facts.urdf, None, all_roots, name))
-
-
-def _with_controllers(facts: Facts, controllers: Sequence[Controller]) -> Facts:
-    """Return the facts with joints outside all controllers marked as passive."""
-    free = {joint.name for joint in facts.joints if joint.mimics is None}
-    for controller in controllers:
-        missing = [joint for joint in controller.joints if joint not in free]
-        if missing:
-            raise AddressError(f"{controller.topic} is configured for {', '.join(missing)}, which take no commands")
-    if not any(controller.joints for controller in controllers):
-        return facts
-    led = {joint for controller in controllers for joint in controller.joints}
-    joints = (joint if joint.name in led or joint.mimics else replace(joint, passive=True) for joint in facts.joints)
-    return replace(facts, joints=tuple(joints))

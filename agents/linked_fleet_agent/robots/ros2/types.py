@@ -184,6 +184,10 @@ class MessageTypes:
         """
         return ActionType(self._find(name, {part: hash for part, hash in (hashes or {}).items() if hash}))
 
+    def hash_of(self, name: str) -> str:
+        """Return the hash of a message or service as it is known here. Raises DefinitionError."""
+        return self.message(name).hash
+
     def _find(self, name: str, hashes: Mapping[str, str]) -> MessageType:
         found = [each for each in self._all() if check_name(name) in each.definitions]
         described = [each for (type_, _), each in self._described.items() if type_ == name]

@@ -1,0 +1,134 @@
+"""An arm of ROS with controllers and a gripper, in a graph in memory, on virtual time."""
+
+import pytest
+
+from linked_fleet_agent.robots.ros2.goals import ABORTED, SUCCEEDED
+from linked_fleet_agent.wire.messages import Refused
+from memory_arm import ArmBench, MemoryArm
+
+pytestmark = pytest.mark.virtual
+
+
+async def test_controllers_and_their_joints_are_found_without_configuration() -> None:
+    async with ArmBench(MemoryArm()) as bench:
+        facts = bench.robot.describe()
+        assert facts.coupled == (("pan", "lift"),)
+        assert {joint.name: joint.passive for joint in facts.joints} == {
+            "pan": False, "lift": False, "finger": True, "thumb": False,
+        }  # fmt: skip
+        assert bench.robot.read(0.0).positions == pytest.approx((0.0, 0.0, 0.04, -0.03)), "mimic joints are derived"
+
+
+async def test_a_motion_is_a_goal_with_result() -> None:
+    arm = MemoryArm()
+    async with ArmBench(arm) as bench:
+        bench.move("m", pan=0.5)
+        await bench.run(0.1)
+        assert arm.arm is not None
+        [(goal_id, goal)] = arm.arm.goals.items()
+        points = goal["trajectory"]["points"]
+        assert goal["trajectory"]["joint_names"] == ["pan", "lift"]
+        assert points[-1]["positions"] == pytest.approx([0.5, 0.0])
+        await bench.run(points[-1]["time_from_start"]["sec"] + 1.5)
+        assert arm.arm.statuses == {goal_id: SUCCEEDED}
+        assert bench.end("m").state == "succeeded", bench.end("m")
+        assert arm.sent() == []
+
+
+@pytest.mark.parametrize(
+    ("code", "text", "said"),
+    [
+        (
+            -4,
+            "pan 0.3 behind",
+            "the path tolerance is violated (pan 0.3 behind)",
+        ),
+        (-5, "", "the goal tolerance is violated"),
+    ],
+)
+async def test_a_controller_that_gives_up_says_why(code: int, text: str, said: str) -> None:
+    arm = MemoryArm()
+    async with ArmBench(arm) as bench:
+        bench.move("m", pan=0.5)
+        await bench.run(0.1)
+        assert arm.arm is not None
+        arm.arm.end(next(iter(arm.arm.goals)), ABORTED, error_code=code, error_string=text)
+        await bench.run(0.2)
+        assert (bench.end("m").state, bench.end("m").reason) == ("failed", f"{arm.arm.name}: {said}")
+
+
+async def test_an_inactive_controller_refuses_at_once_and_works_when_it_is_active() -> None:
+    arm = MemoryArm()
+    arm.controllers["arm_controller"] = "inactive"
+    async with ArmBench(arm) as bench:
+        refused = bench.move("m", pan=0.5)
+        assert isinstance(refused, Refused)
+        assert refused.reason == "pan takes no command now: arm_controller is inactive"
+        assert "pan: arm_controller is inactive" in bench.value("ros", "missing")
+        arm.controllers["arm_controller"] = "active"
+        await bench.run(5.0)
+        assert not isinstance(bench.move("n", pan=0.5), Refused)
+
+
+async def test_a_stop_cancels_all_goals_also_those_of_other_clients_and_says_so() -> None:
+    arm = MemoryArm()
+    async with ArmBench(arm) as bench:
+        assert arm.arm is not None
+        bench.move("m", pan=1.5)
+        await bench.run(0.3)
+        arm.arm.adopt(bytes(range(16)))
+        bench.stop("s")
+        await bench.run(1.0)
+        cancels = [
+            asked["goal_info"] for name, asked in arm.graph.calls if name == f"{arm.arm.name}/_action/cancel_goal"
+        ]
+        assert {"goal_id": {"uuid": bytes(16)}, "stamp": {"sec": 0, "nanosec": 0}} in cancels
+        assert bench.end("m").state == "cancelled"
+        assert bench.end("s").state == "succeeded"
+        assert bench.end("s").reason == "a goal of another client of /arm_controller/follow_joint_trajectory cancelled"
+        assert arm.sent(), "and the joints are held by the topic"
+
+
+async def test_a_server_that_does_not_answer_leaves_the_topic() -> None:
+    """Behind a bridge of DDS, actions of FastDDS nodes are offered and never answer."""
+    arm = MemoryArm()
+    for part in ("send_goal", "cancel_goal", "get_result"):
+        kind = {"cancel_goal": "action_msgs/srv/CancelGoal"}.get(part) or (
+            "control_msgs/action/FollowJointTrajectory_" + {"send_goal": "SendGoal", "get_result": "GetResult"}[part]
+        )
+        arm.graph.serve(f"/arm_controller/follow_joint_trajectory/_action/{part}", kind, lambda _: None)
+    async with ArmBench(arm) as bench:
+        bench.move("m", pan=0.5)
+        await bench.run(3.0)
+        assert bench.end("m").state == "succeeded"
+        assert arm.positions["pan"] == pytest.approx(0.5, abs=1e-3)
+        assert any("does not answer" in each for each in bench.value("ros", "missing"))
+
+
+async def test_a_gripper_grasps_holds_and_loses() -> None:
+    arm = MemoryArm()
+    async with ArmBench(arm) as bench:
+        assert bench.value("gripper", "width") == pytest.approx(0.04)
+        bench.operate("g", "gripper", "grasp", force=20)
+        await bench.run(0.2)
+        [(goal_id, goal)] = arm.hand.goals.items()
+        assert goal == {"command": {"position": 0.0, "max_effort": 20.0}}
+        arm.positions["finger"] = 0.02
+        arm.hand.end(goal_id, ABORTED, position=0.02, effort=20.0, stalled=True)
+        await bench.run(0.3)
+        assert bench.end("g").state == "succeeded", bench.end("g")
+        assert bench.value("gripper", "holding") is True
+        arm.positions["finger"] = 0.0
+        await bench.run(0.3)
+        assert bench.value("gripper", "holding") is False
+        assert [(each.component, each.event) for each in bench.link.events] == [("gripper", "lost")]
+
+
+async def test_a_gripper_is_cancelled_by_a_stop() -> None:
+    arm = MemoryArm()
+    async with ArmBench(arm) as bench:
+        bench.operate("g", "gripper", "open")
+        await bench.run(0.2)
+        bench.stop("s")
+        await bench.run(1.0)
+        assert (bench.end("g").state, bench.end("s").state) == ("cancelled", "succeeded")
