@@ -66,15 +66,24 @@ def poses_along(stands: planar.Pose, here: planar.Pose, path: FollowedPath) -> l
     return [stands, *(placed(relative(each, here), stands) for each in path.poses)]
 
 
-def apart_m(at: planar.Pose, way: Sequence[planar.Pose]) -> float:
-    """Return how far it is from a way of at least two poses."""
-    return min(at.to_leg_m(*leg) for leg in pairwise(way))
+def apart_m(one: Sequence[planar.Pose], other: Sequence[planar.Pose]) -> float:
+    """Return how far two ways of at least two poses each are apart: 0 if they cross."""
+    return min(_legs_apart_m(mine, yours) for mine in pairwise(one) for yours in pairwise(other))
 
 
-def coast_m(robot: Robot) -> float:
-    """Return how far a base that moves may come meanwhile."""
-    linear, lateral, _ = velocity_of(robot)
-    return _NEAR_M + COAST_S * math.hypot(linear, lateral)
+def _legs_apart_m(one: Sequence[planar.Pose], other: Sequence[planar.Pose]) -> float:
+    if _parts(one, other) and _parts(other, one):
+        return 0.0
+    ends = [(at, other) for at in one] + [(at, one) for at in other]
+    return min(at.to_leg_m(*leg) for at, leg in ends)
+
+
+def _parts(one: Sequence[planar.Pose], other: Sequence[planar.Pose]) -> bool:
+    """Return True if the ends of the other leg are on two sides of the line along this one."""
+    (start, end), sides = one, []
+    for at in other:
+        sides.append((end.x - start.x) * (at.y - start.y) - (end.y - start.y) * (at.x - start.x))
+    return sides[0] * sides[1] < 0.0
 
 
 def _facing(path: FollowedPath, here: planar.Pose | None) -> FollowedPath:
@@ -128,14 +137,18 @@ class Driving:
 
         Drives that another gateway has let begin are seen once the base moves.
         """
+        return {} if (end := self.end(robot)) is None else positions_of(end)
+
+    def end(self, robot: Robot) -> planar.Pose | None:
+        """Return that place in the frame of the base now; None if it stands."""
         if not robot.floats:
-            return {}
+            return None
         now, (drive, until_s) = velocity_of(robot), self._begun.get(robot.name, (None, 0.0))
         if drive is not None and self._now_s() < until_s:
-            return positions_of(drive.end(now))
+            return drive.end(now)
         self._begun.pop(robot.name, None)
         linear, lateral, angular = now
         if math.hypot(linear, lateral) < _STILL_M_S and abs(angular) < _STILL_RAD_S:
-            return {}
+            return None
         there = planar.Pose().moved(linear * COAST_S, angular * COAST_S, lateral * COAST_S)
-        return positions_of(there._replace(heading=angular * COAST_S))
+        return there._replace(heading=angular * COAST_S)
