@@ -61,9 +61,9 @@ class Drive(Struct, frozen=True):
         late = [(velocity, share * REACTION_S) for velocity in meanwhile for share in (0.5, 1.0)]
         return tuple(self._way(now, *each) for each in ((now, 0.0), *late))
 
-    def end(self, now: Velocity) -> Pose:
-        """Return where the base stands at the end of one of these ways: a late one, before which it brakes."""
-        return self._way(now, STANDING, REACTION_S)[-1]
+    def until_standing(self, now: Velocity) -> tuple[Pose, ...]:
+        """Return one of these ways: a late one, before which it brakes."""
+        return self._way(now, STANDING, REACTION_S)
 
     def _way(self, now: Velocity, meanwhile: Velocity, reaction_s: float) -> tuple[Pose, ...]:
         return tuple(_sparse(self._steps(now, meanwhile, reaction_s)))

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 from msgspec.structs import replace
@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from linked_fleet_agent import planar
 from linked_fleet_agent.planar import STANDING, Velocity
 from linked_fleet_gateway.extensions.world.messages import Positions
+from linked_fleet_gateway.extensions.world.other_motions import thinned
 from linked_fleet_gateway.extensions.world.plane import positions_of
 from linked_fleet_gateway.faces import path_ahead
 from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath, placed, relative
@@ -109,8 +110,17 @@ class Driving:
 
     def wanted(self, robot: Robot) -> Velocity | None:
         """Return the velocity that the latest of these drives wants; None if there is none now."""
+        drive = self._latest(robot)
+        return None if drive is None else drive.velocity
+
+    def _latest(self, robot: Robot) -> Drive | None:
         drive, until_s = self._begun.get(robot.name, (None, 0.0))
-        return None if drive is None or self._now_s() >= until_s else drive.velocity
+        return drive if self._now_s() < until_s else None
+
+    def along(self, robot: Robot) -> Iterator[Positions]:
+        """Yield where the base may be on the arc of a drive, as positions of the joints that carry it."""
+        if (drive := self._latest(robot)) is not None:
+            yield from map(positions_of, thinned(drive.until_standing(velocity_of(robot))))
 
     def follow(self, robot: Robot, path: FollowedPath) -> None:
         """Keep a path that was let begin until the robot tells of it."""
@@ -143,9 +153,9 @@ class Driving:
         """Return that place in the frame of the base now; None if it stands."""
         if not robot.floats:
             return None
-        now, (drive, until_s) = velocity_of(robot), self._begun.get(robot.name, (None, 0.0))
-        if drive is not None and self._now_s() < until_s:
-            return drive.end(now)
+        now = velocity_of(robot)
+        if (drive := self._latest(robot)) is not None:
+            return drive.until_standing(now)[-1]
         self._begun.pop(robot.name, None)
         linear, lateral, angular = now
         if math.hypot(linear, lateral) < _STILL_M_S and abs(angular) < _STILL_RAD_S:
