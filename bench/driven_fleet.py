@@ -54,6 +54,7 @@ class Cart:
     part: Part = field(default_factory=Part)
     sequence: int = 0
     turned: bool = False
+    drives: int = 0
 
     def path(self) -> FollowedPath:
         """Return the way to the other end of its lane."""
@@ -96,11 +97,12 @@ class Fleet:
         return cart
 
     def _open_of(self, robot: str) -> list[Invocation]:
-        return [Invocation(id=robot, robot=robot, action="", targets={}, created_ns=0, deadline_ns=0, moves=(BASE,))]
+        id = f"{robot} {self.carts[int(robot[1:])].drives}"
+        return [Invocation(id=id, robot=robot, action="", targets={}, created_ns=0, deadline_ns=0, moves=(BASE,))]
 
     async def _cancel(self, id: str, reason: str) -> bool:
         self.ended += 1
-        self.carts[int(id[1:])].part.path_ahead = None
+        self.carts[int(id[1:].split()[0])].part.path_ahead = None
         return True
 
     def spent_s(self) -> float:
@@ -111,6 +113,7 @@ class Fleet:
     async def begin(self, cart: Cart) -> None:
         """Let the guard check the way back, and drive it."""
         robot, path = self.live.fleet.robots[cart.name], cart.path()
+        cart.drives += 1
         motion = Motion(robot, Act("base", b"{}", "followPath", moves=(BASE,), path=path), {}, RobotTime(1, 1))
         await self.checks.wait_until_ready(robot, ALL)
         await self.checks.check_path(motion, ALL, cart.name)

@@ -16,6 +16,7 @@ from linked_fleet_client.reading import Reading, read
 from linked_fleet_client.resource import Resource
 from linked_fleet_client.retry import Repeat
 from linked_fleet_client.shape import Shape, conjunction, read_shape
+from linked_fleet_client.stream import Stream
 from linked_fleet_client.validation import validate
 from linked_fleet_client.vocabulary import HTTP, HYBRIT, LF, RDF, RDFS, SH, document_of, is_web, local_name
 from linked_fleet_client.web import Answer, parse_rdf
@@ -100,6 +101,13 @@ class Action(Resource):
                 f"{self.name} was to be rehearsed only, but the server does not confirm that: it may have been executed"
             )
         return _rehearsed(answer)
+
+    def stream(self) -> Stream:
+        """Return a stream of further inputs, to be opened by ``with``. Raises Unsupported if the action takes none."""
+        protocol = self.read().graph.value(self.node, LF.streamProtocol)
+        if protocol is None:
+            raise Unsupported(f"{self.name} is no stream: its description has no lf:streamProtocol")
+        return Stream(self.web, str(self.iri), str(protocol), control_of(self))
 
     def _ready(self, said: Graph | Mapping[str, Any] | None, given: Mapping[str, Any]) -> Graph | None:
         """Return the body, validated by the present shape; None for an action without input.

@@ -74,7 +74,7 @@ class Control:
         Raises ControlLost if the lease has ended or another client has it.
         """
         self.check()
-        proof = self._proof if origin(url) == origin(self.iri) else {}
+        proof = self.proof if origin(url) == origin(self.iri) else {}
         try:
             return self._web.send(method, url, body, {**headers, **proof})
         except Problem as problem:
@@ -86,7 +86,7 @@ class Control:
         """Renew the lease. Raises ControlLost if it is held no more; other errors leave that open."""
         began_s = time.monotonic()
         try:
-            token = self._put(self._proof, Repeat.NEVER)
+            token = self._put(self.proof, Repeat.NEVER)
         except Problem as problem:
             if 400 <= problem.status < 500 and problem.status != 429:
                 self._lose(problem)
@@ -101,7 +101,8 @@ class Control:
         return {str(self.robot.iri), str(self.robot.node)}
 
     @property
-    def _proof(self) -> dict[str, str]:
+    def proof(self) -> dict[str, str]:
+        """The field of a request by which its client is known to have control."""
         return {"lock-token": self.token}
 
     def _lose(self, problem: Problem) -> None:
@@ -124,7 +125,7 @@ class Control:
 
     def _delete(self) -> None:
         try:
-            self._web.send("DELETE", self.iri, None, self._proof)
+            self._web.send("DELETE", self.iri, None, self.proof)
         except Problem as problem:
             if problem.status in (404, *_LOST):
                 self._lose(problem)

@@ -9,7 +9,8 @@ ClientError
 ├── NoSuchThing         nothing has that name
 ├── InvalidInput        the input does not fit the shape of the action
 ├── Unsupported         the server does not offer the requested function
-└── StillRunning        an invocation has not ended in time
+├── StillRunning        an invocation has not ended in time
+└── StreamEnded         a stream takes no more samples
 """
 
 import json
@@ -57,6 +58,10 @@ class Unsupported(ClientError):  # noqa: N818
 
 class StillRunning(ClientError, TimeoutError):  # noqa: N818
     """The invocation has not ended in time; it continues."""
+
+
+class StreamEnded(ClientError):  # noqa: N818
+    """The stream takes no more samples; the text says why."""
 
 
 class Problem(ClientError):  # noqa: N818

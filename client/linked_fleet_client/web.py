@@ -164,6 +164,15 @@ class Web:
         ):
             yield response
 
+    def credentials(self, url: str) -> dict[str, str]:
+        """Return the fields by which this client is known at a URL, for a connection of another kind."""
+        self._check(url)
+        request = self.http.build_request("GET", url)
+        if self.auth is not None:
+            request = next(self.auth.sync_auth_flow(request))
+        names = {"user-agent", "authorization", *(each.lower() for each in self.headers)}
+        return {name: value for name, value in request.headers.items() if name.lower() in names}
+
     def read_body(self, response: httpx.Response) -> bytes:
         """Return the body of a streamed answer. Raises BadAnswer or Unreachable if it is too large or too slow."""
         deadline = time.monotonic() + 3 * self.timeout_s

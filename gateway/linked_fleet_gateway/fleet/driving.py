@@ -18,6 +18,7 @@ _APART_M, _APART_RAD = 0.02, 0.03
 _TURN_RAD, _SPOT_M = math.radians(10.0), 0.05
 """A turn is split so that the corners of a robot leave the hull of both ends by 0.4 % of its radius."""
 _SLOWEST_M_S, _SLOWEST_RAD_S = 0.02, 0.03
+_STILL, _PARALLEL = 1e-3, 0.01
 
 
 class Drive(Struct, frozen=True):
@@ -55,15 +56,24 @@ class Drive(Struct, frozen=True):
 
         It moves like ``now``. Until the request reaches it, it goes on like that, brakes because the time of an earlier
         request is over, or goes towards ``before``, the velocity of one that has not reached it either. The request
-        reaches it at once, or late, or in between.
+        reaches it at once, or late, or in between. Of ways on one arc the longest is enough.
         """
         meanwhile = dict.fromkeys((now, STANDING, now if before is None else before))
+        if all(self._is_along(each) for each in meanwhile):
+            return (max((self._way(now, each, REACTION_S) for each in meanwhile), key=_length),)
         late = [(velocity, share * REACTION_S) for velocity in meanwhile for share in (0.5, 1.0)]
         return tuple(self._way(now, *each) for each in ((now, 0.0), *late))
 
-    def end(self, now: Velocity) -> Pose:
-        """Return where the base stands at the end of one of these ways: a late one, before which it brakes."""
-        return self._way(now, STANDING, REACTION_S)[-1]
+    def _is_along(self, velocity: Velocity) -> bool:
+        """Return True if this velocity leads along the same arc."""
+        size, own = math.hypot(*velocity), math.hypot(*self.velocity)
+        if size < _STILL or not own:
+            return size < _STILL
+        return all(abs(at / size - to / own) < _PARALLEL for at, to in zip(velocity, self.velocity, strict=True))
+
+    def until_standing(self, now: Velocity) -> tuple[Pose, ...]:
+        """Return one of these ways: a late one, before which it brakes."""
+        return self._way(now, STANDING, REACTION_S)
 
     def _way(self, now: Velocity, meanwhile: Velocity, reaction_s: float) -> tuple[Pose, ...]:
         return tuple(_sparse(self._steps(now, meanwhile, reaction_s)))
@@ -84,6 +94,11 @@ class Drive(Struct, frozen=True):
             linear, lateral, angular = (_STEP_S / 2 * (at + to) for at, to in zip(before, velocity, strict=True))
             pose = pose.moved(linear, angular, lateral)
             yield pose
+
+
+def _length(way: Sequence[Pose]) -> float:
+    """Return the sum of all that changes along a way, in metre and radian."""
+    return math.fsum(math.dist(*each) for each in itertools.pairwise((Pose(), *way)))
 
 
 def fitting_share(free: float, duration_s: float, braking_s: float) -> float:

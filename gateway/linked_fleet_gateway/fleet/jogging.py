@@ -56,12 +56,13 @@ class JointDrive(Struct, frozen=True):
     def ways(self, now: Velocities, before: Velocities | None = None) -> tuple[Way, ...]:
         """Return the ways until the joints stand, each as how far they have gone.
 
-        They move like ``now``, and go on like that or towards ``before``, the velocities of an earlier request, until
-        this one reaches them, at once or late. Of ways on one line the longest is enough.
+        They move like ``now``. Until this request reaches them, at once or late, they go on like that, brake because
+        the time of an earlier request is over, or go towards ``before``, the velocities of one that has not reached
+        them either. Of ways on one line the longest is enough.
         """
-        earlier = now if before is None else before
-        late = [self._way(now, meanwhile, REACTION_S) for meanwhile in (now, earlier)]
-        if all(self._is_along(each) for each in (now, earlier)):
+        meanwhile = [now] if before is None else [now, before]
+        late = [self._way(now, each, REACTION_S) for each in (*meanwhile, {})]
+        if all(self._is_along(each) for each in meanwhile):
             return (max(late, key=lambda way: _length(way[-1])),)
         return (self._way(now, now, 0.0), *late)
 

@@ -15,9 +15,19 @@ NO_HEADING = math.nan
 
 
 def test_a_drive_ends_where_the_base_has_braked() -> None:
-    at_once, *others = Drive(Velocity(0.5), 1.0, LIMITS).ways(Velocity(0.5))
-    assert at_once[-1] == pytest.approx((0.5 * 1.02 + 0.125, 0.0, 0.0), abs=0.015)
-    assert max(way[-1].x for way in others) == pytest.approx(at_once[-1].x + 0.5 * REACTION_S, abs=0.02)
+    at_once, *late = Drive(Velocity(0.5), 1.0, LIMITS).ways(Velocity(0.5, 0.0, 0.1))
+    assert at_once[-1].x == pytest.approx(0.5 * 1.02 + 0.125, abs=0.015)
+    assert max(way[-1].x for way in late) == pytest.approx(at_once[-1].x + 0.5 * REACTION_S, abs=0.02)
+
+
+@pytest.mark.parametrize("now", [Velocity(), Velocity(0.2, 0.0, 0.4), Velocity(0.3, 0.0, 0.6)])
+def test_of_ways_on_one_arc_the_longest_is_enough(now: Velocity) -> None:
+    drive = Drive(Velocity(0.25, 0.0, 0.5), 1.0, LIMITS)
+    (longest,) = drive.ways(now, Velocity(0.1, 0.0, 0.2))
+    others = drive.ways(now, Velocity(0.1, 0.0, 0.22))
+    assert len(others) > 1
+    assert longest[-1].heading >= max(way[-1].heading for way in others) - 0.02
+    assert all(at.heading == pytest.approx(2 * math.atan2(at.y, at.x), abs=0.03) for at in longest), "one arc"
 
 
 def test_headings_of_a_drive_go_on_beyond_half_a_turn() -> None:

@@ -204,13 +204,12 @@ class _Plan:
             cost[[0, -1], :] = cost[:, [0, -1]] = 0
 
     def _search(self, cost: bytes, goals: set[int]) -> list[int]:
-        estimate = self._estimate(next(iter(goals))) if len(goals) == 1 else None
-        return search(cost, self._lattice.columns, self._start, goals, estimate)
+        return search(cost, self._lattice.columns, self._start, goals, self._estimate(goals))
 
-    def _estimate(self, goal: int) -> list[int]:
-        row, column = divmod(goal, self._lattice.columns)
-        down = np.abs(np.arange(self._lattice.rows) - row)[:, None]
-        across = np.abs(np.arange(self._lattice.columns) - column)[None, :]
+    def _estimate(self, goals: set[int]) -> list[int]:
+        """Return the least cost from each cell to the rectangle around the goals."""
+        rows, columns = np.divmod(np.fromiter(goals, np.intp, len(goals)), self._lattice.columns)
+        down, across = _beyond(self._lattice.rows, rows)[:, None], _beyond(self._lattice.columns, columns)[None, :]
         least = STRAIGHT * np.maximum(down, across) + (DIAGONAL - STRAIGHT) * np.minimum(down, across)
         found: list[int] = least.ravel().tolist()
         return found
@@ -258,7 +257,13 @@ class _Plan:
     def _stuck(self, way: Sequence[Pose]) -> Pose | None:
         """Return the first pose of a way at which the base meets something."""
         kept_m = min(self._print.kept(self._asked.start) - 0.002, MARGIN_M / 2)
-        return next((pose for pose in self._poses(way) if not self._print.fits(pose, kept_m)), None)
+        return next((pose for pose in self._tight(way, kept_m) if not self._print.fits(pose, kept_m)), None)
+
+    def _tight(self, way: Sequence[Pose], kept_m: float) -> Iterator[Pose]:
+        """Yield the poses of a way at which something may be nearer to the base than a distance, by the grid."""
+        room_m = self._print.radius + kept_m + self._lattice.step_m
+        clearance_m, cell = self._grid.clearance_m.flat, self._lattice.cell
+        return (pose for pose in self._poses(way) if clearance_m[cell((pose.x, pose.y))] < room_m)
 
     def _poses(self, way: Sequence[Pose]) -> Iterator[Pose]:
         """Yield the poses of a way a few centimetres and degrees apart."""
@@ -320,6 +325,13 @@ class _Plan:
 
 def _any(cells: Bools, goals: set[int]) -> bool:
     return bool(cells.flat[np.fromiter(goals, np.intp, len(goals))].any())
+
+
+def _beyond(count: int, taken: npt.NDArray[np.intp]) -> npt.NDArray[np.intp]:
+    """Return how far each of the first numbers is from the least to the greatest of some."""
+    numbers = np.arange(count)
+    found: npt.NDArray[np.intp] = np.maximum(0, np.maximum(taken.min() - numbers, numbers - taken.max()))
+    return found
 
 
 def _between(start: Pose, end: Pose) -> Iterator[Pose]:

@@ -8,7 +8,7 @@ import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import TracebackType
-from typing import Self
+from typing import NamedTuple, Self
 
 from msgspec.structs import replace
 
@@ -19,7 +19,6 @@ from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
 from linked_fleet_gateway.extensions.world.driving import (
     Driving,
-    coast_m,
     on_floor,
     valid_until_ns,
 )
@@ -46,15 +45,22 @@ from linked_fleet_gateway.extensions.world.questions import Questions, base_of
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.faces import ALL, View, unchecked_links
-from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
+from linked_fleet_gateway.fleet.driving import Drive, FollowedPath, placed
 from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
 from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.serving import Act, Live, Worker
 
-Neighbours = dict[str, tuple[planar.Pose | None, float]]
-"""Where each robot stands on the floor, None if that is unknown, and how far it reaches from there in a second."""
+
+class Neighbour(NamedTuple):
+    """A robot on the floor: the way that it may take now, None if its place is unknown, and its reach from there."""
+
+    way: tuple[planar.Pose, planar.Pose] | None
+    reach_m: float
+
+
+Neighbours = dict[str, Neighbour]
 _MOST_SPEEDS = 5
 """Speeds at which a drive is checked."""
 _FLOOR = 0.95
@@ -191,12 +197,13 @@ class Checks:
         return self._driving.path_of(robot) if is_placed(robot) else None
 
     def neighbours(self) -> Neighbours:
-        """Return where the robots with a placement are, and how far they may come in a second."""
+        """Return where the robots with a placement are, and may come while others follow their paths."""
         found: Neighbours = {}
         for robot in self._live.fleet.robots.values():
             if is_placed(robot) and robot.model is not None:
-                at = on_floor(pose_in_world(robot, robot.model.root))
-                found[robot.name] = at, self._preparation.reach_m(robot) + coast_m(robot)
+                at, end = on_floor(pose_in_world(robot, robot.model.root)), self._driving.end(robot)
+                way = None if at is None else (at, at if end is None else placed(end, at))
+                found[robot.name] = Neighbour(way, self._preparation.reach_m(robot))
         return found
 
     async def survey(self, robot: Robot, sees: View) -> Surveyed:
@@ -212,10 +219,15 @@ class Checks:
             raise Unchecked(f"What stands around {robot.name} is unknown: {reason}.")
         return answer
 
-    async def check_ahead(self, robot: Robot, path: FollowedPath, own: str) -> None:
-        """Check a path that a robot follows, among others as they are now. Raises Collides, Unchecked."""
+    async def check_ahead(
+        self, robot: Robot, path: FollowedPath, own: str, near: Collection[str] | None = None
+    ) -> None:
+        """Check a path that a robot follows, among others as they are now. Raises Collides, Unchecked.
+
+        ``near`` are the others that it could meet; None means that this is unknown.
+        """
         with self._checker.in_use():
-            robots = self._prepared_around(robot, ALL)
+            robots = self._prepared(robot, self._around(robot, ALL) if near is None else self._among(robot, near), ALL)
             question = self._questions.followed(robot, path, robots, ALL, own, as_they_are=True)
             answer = await self._checker.ask(question, _ANSWER_S)
         if isinstance(answer, CollisionFound):
@@ -308,7 +320,14 @@ class Checks:
 
     def _prepared_around(self, robot: Robot, sees: View) -> list[Robot]:
         """Return the robots near enough to collide. Raises Unchecked if one of them is not prepared."""
-        robots = self._around(robot, sees)
+        return self._prepared(robot, self._around(robot, sees), sees)
+
+    def _among(self, robot: Robot, names: Collection[str]) -> list[Robot]:
+        """Return a robot and those of others that are still there."""
+        return [robot, *(self._live.fleet.robots[name] for name in names if name in self._live.fleet.robots)]
+
+    def _prepared(self, robot: Robot, robots: list[Robot], sees: View) -> list[Robot]:
+        """Return these robots. Raises Unchecked if one of them is not prepared."""
         for each in robots:
             if (why := self._preparation.unprepared_reason(each, beside=each is not robot)) is not None:
                 seen = sees.includes(each.name)

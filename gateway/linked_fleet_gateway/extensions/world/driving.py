@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 from msgspec.structs import replace
@@ -10,6 +10,7 @@ from msgspec.structs import replace
 from linked_fleet_agent import planar
 from linked_fleet_agent.planar import STANDING, Velocity
 from linked_fleet_gateway.extensions.world.messages import Positions
+from linked_fleet_gateway.extensions.world.other_motions import thinned
 from linked_fleet_gateway.extensions.world.plane import positions_of
 from linked_fleet_gateway.faces import path_ahead
 from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath, placed, relative
@@ -66,15 +67,24 @@ def poses_along(stands: planar.Pose, here: planar.Pose, path: FollowedPath) -> l
     return [stands, *(placed(relative(each, here), stands) for each in path.poses)]
 
 
-def apart_m(at: planar.Pose, way: Sequence[planar.Pose]) -> float:
-    """Return how far it is from a way of at least two poses."""
-    return min(at.to_leg_m(*leg) for leg in pairwise(way))
+def apart_m(one: Sequence[planar.Pose], other: Sequence[planar.Pose]) -> float:
+    """Return how far two ways of at least two poses each are apart: 0 if they cross."""
+    return min(_legs_apart_m(mine, yours) for mine in pairwise(one) for yours in pairwise(other))
 
 
-def coast_m(robot: Robot) -> float:
-    """Return how far a base that moves may come meanwhile."""
-    linear, lateral, _ = velocity_of(robot)
-    return _NEAR_M + COAST_S * math.hypot(linear, lateral)
+def _legs_apart_m(one: Sequence[planar.Pose], other: Sequence[planar.Pose]) -> float:
+    if _parts(one, other) and _parts(other, one):
+        return 0.0
+    ends = [(at, other) for at in one] + [(at, one) for at in other]
+    return min(at.to_leg_m(*leg) for at, leg in ends)
+
+
+def _parts(one: Sequence[planar.Pose], other: Sequence[planar.Pose]) -> bool:
+    """Return True if the ends of the other leg are on two sides of the line along this one."""
+    (start, end), sides = one, []
+    for at in other:
+        sides.append((end.x - start.x) * (at.y - start.y) - (end.y - start.y) * (at.x - start.x))
+    return sides[0] * sides[1] < 0.0
 
 
 def _facing(path: FollowedPath, here: planar.Pose | None) -> FollowedPath:
@@ -100,8 +110,17 @@ class Driving:
 
     def wanted(self, robot: Robot) -> Velocity | None:
         """Return the velocity that the latest of these drives wants; None if there is none now."""
+        drive = self._latest(robot)
+        return None if drive is None else drive.velocity
+
+    def _latest(self, robot: Robot) -> Drive | None:
         drive, until_s = self._begun.get(robot.name, (None, 0.0))
-        return None if drive is None or self._now_s() >= until_s else drive.velocity
+        return drive if self._now_s() < until_s else None
+
+    def along(self, robot: Robot) -> Iterator[Positions]:
+        """Yield where the base may be on the arc of a drive, as positions of the joints that carry it."""
+        if (drive := self._latest(robot)) is not None:
+            yield from map(positions_of, thinned(drive.until_standing(velocity_of(robot))))
 
     def follow(self, robot: Robot, path: FollowedPath) -> None:
         """Keep a path that was let begin until the robot tells of it."""
@@ -128,14 +147,18 @@ class Driving:
 
         Drives that another gateway has let begin are seen once the base moves.
         """
+        return {} if (end := self.end(robot)) is None else positions_of(end)
+
+    def end(self, robot: Robot) -> planar.Pose | None:
+        """Return that place in the frame of the base now; None if it stands."""
         if not robot.floats:
-            return {}
-        now, (drive, until_s) = velocity_of(robot), self._begun.get(robot.name, (None, 0.0))
-        if drive is not None and self._now_s() < until_s:
-            return positions_of(drive.end(now))
+            return None
+        now = velocity_of(robot)
+        if (drive := self._latest(robot)) is not None:
+            return drive.until_standing(now)[-1]
         self._begun.pop(robot.name, None)
         linear, lateral, angular = now
         if math.hypot(linear, lateral) < _STILL_M_S and abs(angular) < _STILL_RAD_S:
-            return {}
+            return None
         there = planar.Pose().moved(linear * COAST_S, angular * COAST_S, lateral * COAST_S)
-        return positions_of(there._replace(heading=angular * COAST_S))
+        return there._replace(heading=angular * COAST_S)

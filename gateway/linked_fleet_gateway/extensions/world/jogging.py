@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping
 
 from linked_fleet_agent.joint_ramp import ramp_s
 from linked_fleet_gateway.extensions.world.messages import PathSegment, Positions
+from linked_fleet_gateway.extensions.world.other_motions import thinned
 from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.robot import Robot
 
@@ -44,6 +45,12 @@ class Jogs:
             self._begun.pop(robot.name, None)
             return {}
         return _ahead(robot.positions, drive.end(velocities_of(robot)))
+
+    def along(self, robot: Robot) -> Iterator[Positions]:
+        """Yield where the joints may be on their ways there: the request reaches them at once, or late."""
+        if (drive := self.latest(robot)) is not None:
+            for way in drive.ways(velocities_of(robot)):
+                yield from (_ahead(robot.positions, gone) for gone in thinned(way))
 
     def legs(self, robot: Robot, drive: JointDrive) -> Iterator[tuple[PathSegment, ...]]:
         """Yield the ways of joints that are about to be jogged like this."""

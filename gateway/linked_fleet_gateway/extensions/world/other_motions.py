@@ -1,8 +1,20 @@
-"""Paths of joints of which others move meanwhile. It loads no library."""
+"""Motions beside the one that is checked: of other joints, and of other robots. It loads no library."""
 
-from collections.abc import Mapping
+import math
+from collections.abc import Mapping, Sequence
+from typing import TypeVar
 
 from linked_fleet_gateway.extensions.world.messages import MotionPath, PathSegment, Positions
+
+MOST_CONFIGURATIONS = 24
+"""Places on the way of another robot at which it may be met."""
+Place = TypeVar("Place")
+
+
+def thinned(way: Sequence[Place]) -> Sequence[Place]:
+    """Return at most so many places of a way, evenly, with its end."""
+    step = math.ceil(len(way) / MOST_CONFIGURATIONS) or 1
+    return way[::-1][::step][::-1]
 
 
 def paths_along(

@@ -8,7 +8,7 @@ while another robot is near that.
 import asyncio
 import logging
 import math
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from types import TracebackType
@@ -20,7 +20,7 @@ from linked_fleet_agent.planar import Pose, Velocity
 from linked_fleet_agent.wire.components import BASE
 from linked_fleet_gateway.api import Invocation, cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import AgentTimeout
-from linked_fleet_gateway.extensions.world.checks import Checks, Neighbours
+from linked_fleet_gateway.extensions.world.checks import Checks, Neighbour, Neighbours
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
 from linked_fleet_gateway.extensions.world.driving import apart_m, odometry_of, poses_along, velocity_of
 from linked_fleet_gateway.fleet.driving import FollowedPath
@@ -33,7 +33,7 @@ AHEAD = "something has come into its way: "
 LOOK_S = 0.2
 _REACTION_S = 0.5
 """From a measurement until the base brakes: a look, the check, and the way of the request to stop."""
-_BEFORE_M, _SAME_M = 0.1, 0.001
+_BEFORE_M, _NEAR_M, _SAME_M = 0.1, 0.1, 0.001
 _BRAKING_SHARE = 0.7
 _CAREFUL_M_S2 = 0.3
 """Assumed of a base that does not say how it brakes."""
@@ -64,14 +64,23 @@ def beginning(path: FollowedPath, here: Pose, length_m: float) -> FollowedPath:
     return replace(path, poses=tuple(kept))
 
 
-def is_somebody_near(name: str, here: Pose, path: FollowedPath, neighbours: Neighbours) -> bool:
-    """Return True if another robot may be near the path of a robot or come there in a second, also if unknown."""
-    stands, reach_m = neighbours.get(name, (None, math.inf))
-    if stands is None:
+def near_ones(name: str, here: Pose, path: FollowedPath, neighbours: Neighbours) -> set[str]:
+    """Return the other robots that the path of a robot may meet where they are and soon come, also if unknown."""
+    me, others = neighbours.get(name), {other: each for other, each in neighbours.items() if other != name}
+    if me is None or me.way is None:
+        return set(others)
+    way = poses_along(me.way[0], here, path)
+    length_m = math.fsum(math.dist(one[:2], other[:2]) for one, other in pairwise(way))
+    return {other for other, each in others.items() if _may_meet(each, way, length_m, me.reach_m + _NEAR_M)}
+
+
+def _may_meet(other: Neighbour, way: Sequence[Pose], length_m: float, reach_m: float) -> bool:
+    if other.way is None:
         return True
-    way = poses_along(stands, here, path)
-    others = (each for other, each in neighbours.items() if other != name)
-    return any(at is None or apart_m(at, way) <= reach_m + their_m for at, their_m in others)
+    (at, end), reach_m = other.way, reach_m + other.reach_m
+    if math.dist(at[:2], way[0][:2]) > length_m + math.dist(at[:2], end[:2]) + reach_m:
+        return False
+    return apart_m(way, other.way) <= reach_m
 
 
 @dataclass
@@ -132,9 +141,11 @@ class PathWatch:
             return
         soon, whole = beginning(path, here, stopping_m(velocity_of(robot), path)), not held.covers(path, now)
         try:
-            if whole or is_somebody_near(robot.name, here, soon, neighbours):
-                await self._checks.check_ahead(robot, path if whole else soon, run.id)
-                held.surroundings, held.end = now, path.poses[-1] if whole else held.end
+            if whole:
+                await self._checks.check_ahead(robot, path, run.id)
+                held.surroundings, held.end = now, path.poses[-1]
+            elif near := near_ones(robot.name, here, soon, neighbours):
+                await self._checks.check_ahead(robot, soon, run.id, near)
         except Collides as error:
             await self._end(run, AHEAD + error.reason)
         except Unchecked as error:

@@ -26,7 +26,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Positions,
     Survey,
 )
-from linked_fleet_gateway.extensions.world.other_motions import paths_along
+from linked_fleet_gateway.extensions.world.other_motions import MOST_CONFIGURATIONS, paths_along
 from linked_fleet_gateway.extensions.world.placement import accepts_unchecked, pose_in_world
 from linked_fleet_gateway.extensions.world.plane import AT_REST, legs_of
 from linked_fleet_gateway.extensions.world.process import Preparation, key_of
@@ -39,7 +39,6 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.serving import Act, Live
 
 CONFIGURATION_STEP_RAD = 0.05  # also metre
-MOST_CONFIGURATIONS = 24
 
 
 def paths_of(motion: Move | Follow, start: Positions, elsewhere: Mapping[str, float]) -> tuple[MotionPath, ...]:
@@ -173,7 +172,8 @@ class Questions:
 
     def _stood(self, robot: Robot, sees: View, as_it_is: bool) -> Placement:
         name = robot.name if sees.includes(robot.name) else ""
-        configurations = sampled_configurations(_positions(robot), self._underway(robot, ""))
+        straight = sampled_configurations(_positions(robot), self._underway(robot, ""))
+        configurations = (*straight, *self._driving.along(robot), *self._jogs.along(robot))
         way = () if as_it_is else self._driving.way(robot)
         accepted = accepts_unchecked(robot)
         return Placement(name, self._preparation.key_beside(robot), base_of(robot, sees), configurations, accepted, way)

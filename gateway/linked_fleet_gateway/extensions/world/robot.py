@@ -69,7 +69,7 @@ class Robot:
     unchecked_m: float = 0.0
     """Bound of the distance of these links from the root."""
 
-    @property
+    @cached_property
     def radius_m(self) -> float:
         """Bound of the distance of the robot from its root, without bodies that may be anywhere."""
         return float(self.reach_m[0, self.anchored].max(initial=0.0))
@@ -95,13 +95,14 @@ class Robot:
         return np.array([each == "" for each in self.islands], dtype=bool)
 
     @cached_property
-    def _slides_m(self) -> dict[str, float]:
+    def slides_m(self) -> dict[str, float]:
+        """By prismatic joint, a bound of how far it shifts what it carries."""
         joints = self.tree.joints.values()
         return {each.name: slide_m(each) for each in joints if each.kind is JointKind.PRISMATIC}
 
     def reaching(self, configurations: Iterable[Mapping[str, float]]) -> "Robot":
         """Return the robot with its reach in these positions, in which prismatic joints may exceed their limits."""
-        slides, extents = self._slides_m, dict[str, float]()
+        slides, extents = self.slides_m, dict[str, float]()
         for positions in configurations:
             for name in slides.keys() & positions.keys():
                 extents[name] = max(abs(positions[name]), extents.get(name, 0.0))

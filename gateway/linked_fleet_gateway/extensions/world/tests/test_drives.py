@@ -7,11 +7,10 @@ import random
 from pathlib import Path
 
 import msgspec
-import numpy as np
-import numpy.typing as npt
 import pytest
 
 from carts import add_cart, cart_urdf, frame
+from floor_shapes import Corners, overlap, rectangle
 from linked_fleet_agent.planar import DriveLimits, Pose, Ramp, Velocity
 from linked_fleet_agent.wire.messages import Mesh
 from linked_fleet_gateway.actions.plan import Act, Motion, RobotTime, slowed
@@ -32,26 +31,7 @@ LENGTH_M, WIDTH_M, CRATE_M, TICK_S = 0.5, 0.4, 0.3, 0.01
 SEEDS = range(40 if "LONG_TESTS" in os.environ else 1)
 DRIVES, DRIVES_IN_ONE_WORLD = 250, 50
 """Of each seed, and among the same crates."""
-Corners = npt.NDArray[np.float64]
 URDF = cart_urdf(LENGTH_M, WIDTH_M)
-
-
-def rectangle(pose: Pose, length_m: float, width_m: float) -> Corners:
-    cosine, sine = math.cos(pose.heading), math.sin(pose.heading)
-    corners = [(length_m / 2, width_m / 2), (-length_m / 2, width_m / 2)]
-    corners += [(-x, -y) for x, y in corners]
-    return np.array([(pose.x + x * cosine - y * sine, pose.y + x * sine + y * cosine) for x, y in corners])
-
-
-def overlap(one: Corners, other: Corners) -> bool:
-    """Return True if two convex polygons overlap (separating axes)."""
-    for corners in (one, other):
-        for start, end in itertools.pairwise([*corners, corners[0]]):
-            across = np.array([end[1] - start[1], start[0] - end[0]])
-            mine, yours = one @ across, other @ across
-            if mine.max() < yours.min() or yours.max() < mine.min():
-                return False
-    return True
 
 
 class Cart:
