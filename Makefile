@@ -49,6 +49,8 @@ NODE_WOT := $(THINGS)/node_modules/.package-lock.json
 SHACL_SUITE := build/shacl-suite/core/manifest.ttl
 STRANGERS := build/strangers/stamp
 CLIENTS := build/clients/stamp
+PEERS := tests/agents/ros2/peers
+ROS_PEERS := build/ros-peers/stamp
 DEMO_PACKAGES := -e './agents[sim]' -e '.[mcp,foxglove]'
 TEST_PACKAGES := -e './agents[sim]' -e '.[mcp,foxglove,test]'
 ALL_PACKAGES := -e './agents[sim,ros,tracing]' -e '.[dev,bench]'
@@ -80,7 +82,7 @@ if ! $(1)/bin/python -m pip config list | grep -q index && $$run uv; then \
 $$run $(2) || $(1)/bin/python -m pip install -q $(2)
 endef
 
-.PHONY: architecture docs demo release try-release test test-extension extension-name test-long test-all check check-collisions docs-settings docs-extending requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite strangers chromium egl java tools wrk caddy clean helm
+.PHONY: architecture docs demo release try-release test test-extension extension-name test-long test-all check check-collisions docs-settings docs-extending requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite strangers ros-peers chromium egl java tools wrk caddy clean helm
 
 demo: .venv/demo-stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
@@ -131,7 +133,7 @@ tools:
 
 # Tests on clusters, long histories, most tests with a browser, foreign programs or many processes, and all examples of properties.
 test-long: export LONG_TESTS := 1
-test-long: .venv/stamp $(ASSETS) $(NODE_WOT) $(STRANGERS) $(CLIENTS) chromium egl java tools helm
+test-long: .venv/stamp $(ASSETS) $(NODE_WOT) $(STRANGERS) $(CLIENTS) $(ROS_PEERS) chromium egl java tools helm
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) -m 'test_all or hypothesis' $(LONG_ARGS)
 
 test-all: test test-long fuzz soak fleet-check
@@ -290,6 +292,14 @@ $(CLIENTS): tests/strangers/clients.txt | .venv/stamp
 	@echo "Fetching programs of other people that drive robots."
 	@rm -rf build/clients && mkdir -p build/clients
 	@PIP_CONSTRAINT= $(BIN)/python -m pip install -q --no-deps --only-binary :all: -r $< --target build/clients
+	@touch $@
+
+# Builds programs of ROS 2, with which tests of make test-long speak: rclpy, the bridge from DDS, a robot on rmw_zenoh.
+ros-peers: $(ROS_PEERS)
+
+$(ROS_PEERS): $(PEERS)/build $(PEERS)/packages.txt $(PEERS)/rust/Cargo.lock $(shell find $(PEERS)/rust $(PEERS)/interfaces -type f) | .venv/stamp
+	@echo "Building programs of ROS 2. The first time takes five minutes."
+	@$(PEERS)/build $(BIN)/python
 	@touch $@
 
 # One environment in two steps: the packages of the demo, then the tools. Later runs of make reuse it and contact no

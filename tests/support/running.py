@@ -13,7 +13,7 @@ import sys
 import tempfile
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -75,17 +75,18 @@ def _state_home() -> str:
 
 
 class Process:
-    """A child process whose output is kept for the test report."""
+    """A child process whose output is kept for the test report: a Python program, or one by its path."""
 
-    def __init__(self, arguments: Sequence[str]) -> None:
+    def __init__(self, arguments: Sequence[str], program: str = "", environment: Mapping[str, str] | None = None) -> None:
         self.lines: list[str] = []
+        command = [program] if program else [sys.executable, "-u", "-X", "faulthandler"]
         self._child = subprocess.Popen(
-            [sys.executable, "-u", "-X", "faulthandler", *arguments],
+            [*command, *arguments],
             cwd=ROOT,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**os.environ, "PYTHONPATH": str(ROOT), "XDG_STATE_HOME": _state_home()},
+            env={**os.environ, "PYTHONPATH": str(ROOT), "XDG_STATE_HOME": _state_home(), **(environment or {})},
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

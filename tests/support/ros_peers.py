@@ -1,0 +1,89 @@
+"""Real programs of ROS 2, which ``make ros-peers`` builds: see tests/agents/ros2/peers/README.md."""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+
+from needs import missing
+from running import ROOT, Process, free_port, process
+
+SOURCES = ROOT / "tests/agents/ros2/peers"
+BUILT = ROOT / "build/ros-peers"
+PYTHON, BRIDGE, HIROZ_ROBOT = BUILT / "python/bin/python", BUILT / "bin/bridge", BUILT / "bin/hiroz_robot"
+URDF = SOURCES / "arm.urdf"
+# Cyclone DDS as the bridge configures it for the same range of discovery: this machine, without multicast.
+_CYCLONE = """<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery>
+<ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
+<Peers><Peer address="localhost"/></Peers></Discovery></Domain></CycloneDDS>"""
+
+
+def endpoint() -> str:
+    return f"tcp/127.0.0.1:{free_port()}"
+
+
+def free_domain() -> int:
+    """Return a domain of DDS that no other worker of the tests uses now."""
+    return 1 + free_port() % 100
+
+
+def ros_environment(domain: int) -> dict[str, str]:
+    """Return the environment of nodes that see those of this machine and domain alone."""
+    return {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST", "ROS_DISTRO": "kilted"}
+
+
+@contextmanager
+def peer(program: Path, *arguments: str, environment: dict[str, str] | None = None) -> Iterator[Process]:
+    """Run a program until the end of the block, and wait until it is ready."""
+    if not program.exists():
+        missing(f"{program.name} of ROS 2", "make ros-peers")
+    child = Process(arguments, str(program), environment)
+    try:
+        child.said('"ready"')
+        yield child
+    finally:
+        child.stop()
+
+
+def rclpy_robot(domain: int, pause_s: float = 0.1) -> AbstractContextManager[Process]:
+    """Run the robot of rclpy; ``pause_s`` is between two numbers of its action."""
+    environment = ros_environment(domain) | {"CYCLONEDDS_URI": _CYCLONE}
+    return peer(PYTHON, str(SOURCES / "rclpy_robot.py"), str(pause_s), str(URDF), environment=environment)
+
+
+def bridge(where: str, domain: int, options: str = "") -> AbstractContextManager[Process]:
+    """Run the bridge, which listens at ``where``; ``options`` as in ``namespace: "/arm", ``."""
+    plugin = f'{{{options}domain: {domain}, ros_automatic_discovery_range: "LOCALHOST"}}'
+    return peer(BRIDGE, where, plugin, environment=ros_environment(domain))
+
+
+def hiroz_robot(router: str, pause_s: float = 0.1) -> AbstractContextManager[Process]:
+    """Run the robot on rmw_zenoh at a router; ``pause_s`` is between two steps of its actions."""
+    return peer(HIROZ_ROBOT, router, str(pause_s), str(URDF), environment={"ROS_DOMAIN_ID": "0"})
+
+
+@contextmanager
+def router(where: str) -> Iterator[Process]:
+    """Run a Zenoh router, as ``rmw_zenohd`` is one."""
+    with process("tests/support/zenoh_router.py", where) as child:
+        child.said("routing")
+        yield child
+
+
+@contextmanager
+def on_rmw_zenoh(pause_s: float = 0.1) -> Iterator[str]:
+    """Run a router with the robot of hiroz, and return its endpoint."""
+    with ExitStack() as stack:
+        where = endpoint()
+        stack.enter_context(router(where))
+        stack.enter_context(hiroz_robot(where, pause_s))
+        yield where
+
+
+@contextmanager
+def behind_bridge(pause_s: float = 0.1, options: str = "") -> Iterator[str]:
+    """Run the robot of rclpy with a bridge, and return the bridge's endpoint."""
+    with ExitStack() as stack:
+        where, domain = endpoint(), free_domain()
+        stack.enter_context(rclpy_robot(domain, pause_s))
+        stack.enter_context(bridge(where, domain, options))
+        yield where
