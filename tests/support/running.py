@@ -77,7 +77,9 @@ def _state_home() -> str:
 class Process:
     """A child process whose output is kept for the test report: a Python program, or one by its path."""
 
-    def __init__(self, arguments: Sequence[str], program: str = "", environment: Mapping[str, str] | None = None) -> None:
+    def __init__(
+        self, arguments: Sequence[str], program: str = "", environment: Mapping[str, str] | None = None
+    ) -> None:
         self.lines: list[str] = []
         command = [program] if program else [sys.executable, "-u", "-X", "faulthandler"]
         self._child = subprocess.Popen(

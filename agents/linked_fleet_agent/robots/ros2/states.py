@@ -82,7 +82,7 @@ class RosDiagnostics(kinds.Diagnostics, blocking=False):
     def _note(self, said: Mapping[str, Any], now_s: float) -> None:
         name, number = said["name"][:128], said["level"]
         if name in self._status or len(self._status) < MAX_STATUS:
-            known = _LEVELS[number] if 0 <= number < len(_LEVELS) else "error"
+            known: kinds.Level = _LEVELS[number] if 0 <= number < len(_LEVELS) else "error"
             self._status[name] = kinds.Status(name, known, said["message"][:1024]), now_s
 
 
