@@ -36,6 +36,8 @@ class Call(Generic[F]):
         self._progress: float | None = None
         self.replaced = False
         """True once the action is cancelled because a newer run of it ``takes_over``."""
+        self.goes_on = False
+        """True once a run that resumes is cancelled because its agent ends: what it has begun is to go on."""
 
     @property
     def cancelled(self) -> bool:

@@ -1,6 +1,6 @@
 """The base class of components, and what marks their values, actions and events."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from types import NoneType
 from typing import Any, ClassVar, Generic, Literal, NamedTuple, Self, TypeVar, overload
 
@@ -45,6 +45,13 @@ class Component:
 
     def on_tick(self, now_s: float) -> None:
         """Do what is to be done in each tick of the agent, on its event loop, at ``now_s`` of its monotonic clock."""
+
+    def unfinished(self) -> Iterable[tuple[str, str]]:
+        """Return runs that an earlier agent has begun and that go on, by the name of the action and their id.
+
+        Asked in each tick, on its event loop; each is named once. The action must ``resume``.
+        """
+        return ()
 
     def on_halt(self) -> None:
         """Bring everything to rest that no action ends, because the agent ends or the robot has a fault."""
@@ -112,6 +119,7 @@ class ActionOptions(NamedTuple):
     rehearse: Callable[..., float] | None
     takes_over: bool = False
     stream: StreamLimits | None = None
+    resume: Callable[..., Any] | None = None
 
 
 def action(
@@ -124,6 +132,7 @@ def action(
     rehearse: Callable[..., float] | None = None,
     takes_over: bool = False,
     stream: StreamLimits | None = None,
+    resume: Callable[..., Any] | None = None,
 ) -> Callable[[Method], Method]:
     """Mark a method as an action. The annotations of its parameters and of what it returns are its schemas.
 
@@ -137,10 +146,15 @@ def action(
 
     With ``stream`` a run can be opened as a stream: ``call.stream`` then yields further inputs, and ``duration_s`` does
     not end the run. The method is ``async``, and its parameters have defaults.
+
+    A run goes on after the end of the agent if there is ``resume``, an ``async`` method that takes ``call`` and waits
+    for its end: the next agent awaits it for each run that the component has ``unfinished``. Such an action moves
+    nothing.
     """
 
     def mark(method: Method) -> Method:
-        setattr(method, OPTIONS, ActionOptions(moves, duration_s, stop_s, title, kind, rehearse, takes_over, stream))
+        options = ActionOptions(moves, duration_s, stop_s, title, kind, rehearse, takes_over, stream, resume)
+        setattr(method, OPTIONS, options)
         return method
 
     return mark

@@ -29,6 +29,7 @@ class Task:
     takes_call: bool = False
     rehearse: Callable[..., float] | None = None
     takes_over: bool = False
+    resume: Callable[..., Any] | None = None
 
     @property
     def is_async(self) -> bool:
@@ -144,11 +145,15 @@ def _task(component: Component, name: str, method: Callable[..., Any]) -> Task:
         stop_s=options.stop_s,
         rehearses=options.rehearse is not None,
         stream=options.stream,
+        resumes=options.resume is not None,
     )
     if options.stream is not None and not (takes_call and inspect.iscoroutinefunction(method)):
         raise DeclarationError("it takes a stream, so it must be async and have a parameter 'call'")
+    if options.resume is not None and declared.moves:
+        raise DeclarationError("it moves something, and so ends with its agent: it cannot resume")
     rehearse = None if options.rehearse is None else options.rehearse.__get__(component)
-    return Task(method.__get__(component), declared, given, takes_call, rehearse, options.takes_over)
+    resume = None if options.resume is None else options.resume.__get__(component)
+    return Task(method.__get__(component), declared, given, takes_call, rehearse, options.takes_over, resume)
 
 
 def _feedback_of(hint: Any) -> Any:

@@ -38,6 +38,9 @@ def encoded(declared: Sequence[Declared]) -> bytes:
     return msgspec.json.encode([each.said for each in declared]) if declared else b""
 
 
+_FINISHED = Component.unfinished
+
+
 class Host:
     """The components of one run of an agent; ``clocks`` returns its monotonic and wall time in nanoseconds."""
 
@@ -46,6 +49,7 @@ class Host:
         self._clocks = clocks
         components = {name: each.component for name, each in self._declared.items()}
         self._ticking = {name: each for name, each in components.items() if type(each).on_tick is not Component.on_tick}
+        self._resuming = {name: each for name, each in components.items() if type(each).unfinished is not _FINISHED}
         self._failing = dict[str, str]()
         self.operations = Operations()
         self._readings = Readings(declared, incarnation, lambda: clocks()[0])
@@ -66,6 +70,14 @@ class Host:
             else:
                 if self._failing.pop(name, ""):
                     _log.warning("%s: it works again", name)
+
+    def unfinished(self) -> Iterator[tuple[str, str, Task]]:
+        """Yield the runs that earlier agents have begun and that go on: id, name and task of their action."""
+        for name, component in self._resuming.items():
+            for action, id in component.unfinished():
+                task = self._declared[name].tasks[action]
+                if task.resume is not None:
+                    yield id, f"{name}.{action}", task
 
     def values_due(self, now_ns: int, wall_ns: int) -> bytes | None:
         """Return the message with the values that have changed, or None."""

@@ -11,6 +11,7 @@ from linked_fleet_agent import safety
 from linked_fleet_agent.components.declaration import Task
 from linked_fleet_agent.components.host import Host
 from linked_fleet_agent.components.input_stream import InputStream
+from linked_fleet_agent.components.operations import MAX_RUNNING
 from linked_fleet_agent.components.turns import Turn, Turns
 from linked_fleet_agent.motion import Motions, Outcome
 from linked_fleet_agent.wire.components import BASE, Operate, Sample
@@ -43,12 +44,19 @@ class Operating:
 
     def step(self) -> list[Outcome]:
         """Begin what can begin. Return the outcomes since the last call."""
+        self._resume()
         if self._operations.idle and not (self._turns or self._outcomes):  # almost always
             return []
         now_s = self._now_s
         waited = self._turns.step(now_s, lambda: self._operations.overdue(now_s)) if self._turns else []
         outcomes, self._outcomes = [*self._outcomes, *waited, *self._operations.step(now_s)], []
         return outcomes
+
+    def _resume(self) -> None:
+        for id, name, task in self._host.unfinished():
+            if id not in self._seen and len(self._operations) < MAX_RUNNING:
+                self._seen.add(id)
+                self._operations.resume(id, name, task, self._now_s)
 
     @property
     def fault(self) -> str:

@@ -46,6 +46,11 @@ class _Operation:
     """When one that was told to end is overdue."""
     cancel: Callable[[bool], None] = field(default=lambda replaced: None)
     stream: InputStream | None = None
+    call: Call[Any] | None = None
+
+    @property
+    def resumes(self) -> bool:
+        return self.task.resume is not None
 
     @property
     def moves(self) -> frozenset[str]:
@@ -87,6 +92,24 @@ class Operations:
         stream: InputStream | None = None,
     ) -> None:
         """Begin an action; ``name`` is that of its component and its own, ``given`` its input by parameter."""
+        self._begin(id, name, task, task.run, given, task.takes_call, now_s, stream)
+
+    def resume(self, id: str, name: str, task: Task, now_s: float) -> None:
+        """Take up a run that an earlier agent has begun."""
+        assert task.resume is not None
+        self._begin(id, name, task, task.resume, {}, True, now_s)
+
+    def _begin(
+        self,
+        id: str,
+        name: str,
+        task: Task,
+        run: Callable[..., Any],
+        given: Mapping[str, Any],
+        takes_call: bool,
+        now_s: float,
+        stream: InputStream | None = None,
+    ) -> None:
         until_s = now_s + task.declared.duration_s if stream is None else math.inf
         operation = _Operation(id, name, task, until_s, stream=stream)
         loop = asyncio.get_running_loop()
@@ -95,17 +118,17 @@ class Operations:
             loop.call_soon_threadsafe(self._note, operation, progress, reason, feedback)
 
         call = Call[Any](id, report, stream)
-        arguments = {**given, "call": call} if task.takes_call else dict(given)
+        arguments = {**given, "call": call} if takes_call else dict(given)
         self._running[id] = operation
         self._outcomes.append(operation.outcome("running"))
-        running = asyncio.ensure_future(task.run(**arguments)) if task.is_async else _in_thread(name, task, arguments)
+        running = asyncio.ensure_future(run(**arguments)) if task.is_async else _in_thread(name, task, arguments)
 
         def cancel(replaced: bool) -> None:
             call.cancel(replaced)
             if task.is_async:
                 running.cancel()
 
-        operation.cancel = cancel
+        operation.cancel, operation.call = cancel, call
         watching = loop.create_task(self._watch(operation, running), name=f"operation {id}")
         self._tasks.add(watching)
         watching.add_done_callback(self._tasks.discard)
@@ -203,14 +226,17 @@ class Operations:
         return [each.outcome("running", each.reason) for each in self._running.values()]
 
     def fail_all(self, reason: str, now_s: float) -> list[Outcome]:
-        """End all actions, without waiting for them. Return their ends."""
+        """End all actions, without waiting for them. Return their ends. Those that resume go on, and have none."""
         operations = list(self._running.values())
+        for operation in operations:
+            if operation.resumes and operation.call is not None:
+                operation.call.goes_on = True
         self.end(list(self._running), "failed", reason, now_s)
         for operation in operations:
             # One that brakes when it is cancelled waits for ticks that do not come any more.
             asyncio.get_running_loop().call_soon(operation.cancel, False)
         self._running.clear()
-        return [*self._outcomes, *(each.outcome("failed", reason) for each in operations)]
+        return [*self._outcomes, *(each.outcome("failed", reason) for each in operations if not each.resumes)]
 
     def _note(self, operation: _Operation, progress: float | None, reason: str, feedback: bytes | None) -> None:
         if feedback is not None:

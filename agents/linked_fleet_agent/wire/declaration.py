@@ -39,7 +39,8 @@ class Action(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit
 
     ``moves`` names joints or ``base``; an action that moves something is a motion. ``duration_s`` is how long it may
     take, ``stop_s`` how long it may go on after it was cancelled. One that ``rehearses`` can be asked what it would do.
-    One with a ``stream`` can also be opened as a stream, whose samples are further inputs.
+    One with a ``stream`` can also be opened as a stream, whose samples are further inputs. One that ``resumes`` goes on
+    when its agent ends, and the next run of the agent tells how it ends; it moves nothing.
     """
 
     title: Title = ""
@@ -53,6 +54,7 @@ class Action(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit
     stop_s: Annotated[float, Meta(gt=0, le=30)] = 1.0
     rehearses: bool = False
     stream: StreamLimits | None = None
+    resumes: bool = False
 
 
 class Event(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):

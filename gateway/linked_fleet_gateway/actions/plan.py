@@ -33,7 +33,8 @@ class RobotTime(Struct, frozen=True):
 class Act(Struct, frozen=True):
     """A request to a component of a robot: an action, or a property to set.
 
-    ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion. ``drive`` or
+    ``input`` is JSON. ``moves`` names what it moves: joints, or ``base``; nothing if it is no motion. One that
+    ``resumes`` goes on when the agent ends. ``drive`` or
     ``path`` is what a base, or joints, do by it, if that is known. ``stream`` opens an action as a stream.
     """
 
@@ -42,6 +43,7 @@ class Act(Struct, frozen=True):
     action: str = ""
     property: str = ""
     moves: tuple[str, ...] = ()
+    resumes: bool = False
     stream: bool = False
     drive: Drive | JointDrive | None = None
     path: FollowedPath | None = None

@@ -165,6 +165,7 @@ class Actions:
             lease=required_lease_id(robot) if motion.tied_to_lease else "",
             incarnation=motion.requested_at.incarnation,
             moves=motion.motion.moves if isinstance(motion.motion, Act) else (),
+            resumes=isinstance(motion.motion, Act) and motion.motion.resumes,
         )
         invocation, is_new = await self._opening.create(invocation, caller)
         if not is_new:

@@ -74,7 +74,8 @@ class Invocation:
     end was reported in time; a later report of the robot overrides this. ``unchecked`` are the links that the check of
     the motion did not cover, each after its path. ``operation`` is True for an action that is no motion: a gateway
     carries it out, with ``output`` (N-Triples about ``_:output``) as its result, until it ends or somebody asks to
-    cancel it, for the reason ``cancelling``. ``moves`` is what an action of a component moves, joints or ``base``;
+    cancel it, for the reason ``cancelling``. ``moves`` is what an action of a component moves, joints or ``base``; one
+    that ``resumes`` goes on when its agent ends, and the next run of the agent tells of it;
     ``feedback`` is the last one that it gave and ``outcome`` its result, both in JSON. ``limited`` says why it is
     slower than asked for. ``stream`` counts the samples of one that was opened as a stream.
 
@@ -112,6 +113,7 @@ class Invocation:
     output: str = ""
     cancelling: str = ""
     moves: tuple[str, ...] = ()
+    resumes: bool = False
     feedback: str = ""
     outcome: str = ""
     limited: str = ""

@@ -294,8 +294,11 @@ class Invocations:
         invocation.state, invocation.expired, invocation.ended_ns = InvocationState.FAILED, True, now_ns
 
     def fail_earlier_runs(self, robot: str, incarnation: int, now_ns: int) -> list[Invocation]:
-        """Fail and return the invocations of earlier runs of the agent, which the present run does not know."""
-        old = [one for one in self.open_of_robot(robot) if 0 < one.incarnation < incarnation]
+        """Fail and return the invocations of earlier runs of the agent, which the present run does not know.
+
+        Those that resume stay as they are: the present run tells how they end.
+        """
+        old = [one for one in self.open_of_robot(robot) if 0 < one.incarnation < incarnation and not one.resumes]
         for one in old:
             one.reason = f"the agent was started anew; the last known state was {one.state}"
             one.state, one.ended_ns = InvocationState.FAILED, now_ns

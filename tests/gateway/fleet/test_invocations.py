@@ -111,6 +111,7 @@ def test_invocations_of_an_earlier_run_fail() -> None:
     invocations = Invocations()
     for id, incarnation in (("old", 1), ("present", 2), ("later", 3), ("of nobody knows which", 0)):
         invocations.add(invocation(id, InvocationState.UNKNOWN, incarnation=incarnation))
+    invocations.add(invocation("goes on without its agent", InvocationState.UNKNOWN, incarnation=1, resumes=True))
     (old,) = invocations.fail_earlier_runs("r", 2, now_ns=50)
     assert (old.id, old.state, old.ended_ns) == ("old", InvocationState.FAILED, 50)
     assert "started anew" in old.reason

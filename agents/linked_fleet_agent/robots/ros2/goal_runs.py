@@ -35,7 +35,7 @@ async def run_goal(
     except GoalError as error:
         raise ValueError(str(error)) from error
     except asyncio.CancelledError:
-        if ending is not None:
+        if ending is not None and not call.goes_on:
             await _cancel(client, goal_id, ending)
         raise
     if end.status not in accepted:

@@ -73,6 +73,7 @@ def _motion(offer: ComponentOffer, action: str, request: ActionRequest, value: M
         action,
         offer.of_property,
         () if declared is None else declared.moves,
+        declared is not None and declared.resumes,
         drive=drive_of(offer.part, action, value),
         path=way_of(offer.part.state, action, value),
     )
