@@ -45,4 +45,4 @@ async def around(world: World, robot: Robot, sees: View, lateral: bool) -> Aroun
             obstacles.append(Obstacle(name, each.way, passes=True))
     floor = world.floor
     cells = None if floor is None else FloorCells(floor.boxes, floor.settings.resolution, floor.settings.origin)
-    return Around(pose, found.outline, tuple(obstacles), cells, lateral)
+    return Around(planar.Pose(*(round(each, 3) for each in pose)), found.outline, tuple(obstacles), cells, lateral)

@@ -154,6 +154,8 @@ class Traffic:
     ) -> None:
         self._plan, self._is_driven, self._title = plan, is_driven, title
         self._trips = dict[str, Trip]()
+        self._first = dict[str, tuple[PlanWay, Answer]]()
+        """By robot, what was asked for its next drive, and the answer."""
         self._changed = asyncio.Event()
 
     async def first_way(self, trip: Trip) -> Way | None:
@@ -164,6 +166,7 @@ class Traffic:
         around = await self._around(trip)
         answer = await self._ask(trip, around, around.obstacles)
         if isinstance(answer, Way):
+            self._first[trip.name] = _question(trip, around, around.obstacles), answer
             return answer
         alone = await self._ask(trip, around, self._lasting(around))
         if isinstance(alone, Way):
@@ -345,10 +348,9 @@ class Traffic:
     # -- helpers ----------------------------------------------------------------------------------------------------
 
     async def _ask(self, trip: Trip, around: Around, obstacles: Sequence[Obstacle]) -> Answer:
-        others = tuple(each for each in obstacles if each.name != trip.name)
-        return await self._plan(
-            PlanWay(around.pose, trip.goal, around.outline, others, around.cells, trip.corridor, around.lateral)
-        )
+        asked = _question(trip, around, obstacles)
+        before, answer = self._first.pop(trip.name, (None, None))
+        return await self._plan(asked) if answer is None or asked != before else answer
 
     def in_words(self, answer: Answer) -> str:
         """Return why there is no way."""
@@ -375,6 +377,11 @@ class Traffic:
         with suppress(TimeoutError):
             async with asyncio.timeout(LOOK_S):
                 await self._changed.wait()
+
+
+def _question(trip: Trip, around: Around, obstacles: Sequence[Obstacle]) -> PlanWay:
+    others = tuple(each for each in obstacles if each.name != trip.name)
+    return PlanWay(around.pose, trip.goal, around.outline, others, around.cells, trip.corridor, around.lateral)
 
 
 def _known(trip: Trip, other: Trip) -> str:

@@ -162,3 +162,23 @@ async def test_two_that_meet_in_a_corridor_with_a_niche_pass() -> None:
     async with asyncio.timeout(MOST_S):
         await asyncio.gather(roads.run(trip(one, Pose(6.0, 0, 0))), roads.run(trip(other, Pose(0.5, 0, math.pi), 1)))
     assert one.pose.x > 5.9 and other.pose.x < 0.6
+
+
+async def test_a_drive_takes_the_way_that_was_planned_before_unless_something_has_changed() -> None:
+    asked = list[PlanWay]()
+
+    async def counting(question: PlanWay) -> Answer:
+        asked.append(question)
+        return plan(question)
+
+    floor, roads = Floor(()), Traffic(counting)
+    cart = Cart(floor, "/one", Pose())
+    first = trip(cart, Pose(2.0, 0.0))
+    await roads.first_way(first)
+    await roads.run(first)
+    assert (len(asked), cart.pose.x) == (1, pytest.approx(2.0))
+    back = trip(cart, Pose())
+    await roads.first_way(back)
+    floor.walls.append(Obstacle("/wall", (box(1.0, 0.0, 0.3),)))
+    await roads.run(back)
+    assert (len(asked), cart.pose.x) == (3, pytest.approx(0.0, abs=1e-6))
