@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import msgspec
@@ -46,6 +46,7 @@ class MemoryArm:
         self.graph = MemoryGraph()
         self.positions = {"pan": 0.0, "lift": 0.0, "finger": 0.04}
         self._taken = 0
+        self.stamp_ns: Callable[[], int] = lambda: time.time_ns()
         self.controllers = {"arm_controller": "active", "gripper_controller": "active"}
         self.joints = {"arm_controller": ["pan", "lift"], "gripper_controller": ["finger"]}
         self.graph.publish("/robot_description", "std_msgs/msg/String", {"data": urdf}, latched=True)
@@ -64,7 +65,9 @@ class MemoryArm:
             if topic.type == TRAJECTORY and len(outlet.said) > self._taken:
                 self._taken, point = len(outlet.said), outlet.said[-1]
                 self.positions |= dict(zip(point["joint_names"], point["points"][-1]["positions"], strict=True))
-        said = {"name": list(self.positions), "position": list(self.positions.values())}
+        sec, nanosec = divmod(self.stamp_ns(), 1_000_000_000)
+        header = {"stamp": {"sec": sec, "nanosec": nanosec}}
+        said = {"header": header, "name": list(self.positions), "position": list(self.positions.values())}
         self.graph.publish("/joint_states", "sensor_msgs/msg/JointState", said)
 
     def _follow(self, server: MemoryAction) -> None:

@@ -15,7 +15,8 @@ class Parts:
     """The parts of one robot, beside its joint states.
 
     ``held`` gives by joint why it takes no commands now, ``anew`` says why the robot should be loaded again; empty if
-    it need not. The robot sets ``position``, which returns the measured position of a joint, and ``bad_states``.
+    it need not. ``stamps`` is a sentence about time stamps that are none. The robot sets ``position``, which returns
+    the measured position of a joint, and ``bad_states``.
     """
 
     components: list[Component] = field(default_factory=list)
@@ -23,6 +24,7 @@ class Parts:
     whereabouts: Whereabouts | None = None
     held: dict[str, str] = field(default_factory=dict)
     anew: str = ""
+    stamps: str = ""
     position: Callable[[str], float] = field(default=lambda joint: math.nan)
     bad_states: Callable[[], int] = field(default=lambda: 0)
 

@@ -31,6 +31,7 @@ from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints,
 from linked_fleet_agent.robots.ros2.own_graph import OwnGraph
 from linked_fleet_agent.robots.ros2.parts import Parts
 from linked_fleet_agent.robots.ros2.search import find_parts
+from linked_fleet_agent.robots.ros2.stamps import Stamps
 from linked_fleet_agent.robots.ros2.types import MessageTypes
 from linked_fleet_agent.trajectory import Trajectory
 from linked_fleet_agent.urdf import RobotModel, UrdfError
@@ -42,6 +43,7 @@ TIMEOUT_S = 5.0
 """Longest wait of one attempt to find a robot."""
 _SETTLE_S = 2.0
 _LOOK_S = 0.02
+_MOST_PUBLISHERS = 16
 _RESTING_S = 3.0
 """A robot that was not commanded for this time may be loaded anew when more of it is found."""
 
@@ -79,6 +81,7 @@ class Ros2Robot:
         self._parts.bad_states = lambda: self.bad_messages
         self._last_known = dict[str, float]()
         self.bad_messages = 0
+        self._stamps = dict[tuple[str, ...], Stamps]()
         self._read_s = self._cycle_s = 0.0
         self._commanded_s = -math.inf
 
@@ -270,11 +273,24 @@ class Ros2Robot:
         if self._refused:
             raise RobotFaultError(self._refused)
 
+    def _note_stamp(self, joints: tuple[str, ...], stamp_ns: int, arrived_s: float) -> None:
+        """Say once what is wrong with time stamps. Publishers are told apart by their joints."""
+        if joints not in self._stamps and len(self._stamps) < _MOST_PUBLISHERS:
+            self._stamps[joints] = Stamps()
+        stamps = self._stamps.get(joints)
+        if stamps is not None and not stamps.finding:
+            stamps.update(stamp_ns, arrived_s, time.time_ns())
+            if stamps.finding and not self._parts.stamps:
+                self._parts.stamps = f"messages of {self._address.states} {stamps.finding}; times of arrival count"
+                _log.warning("%s: %s", self._name, self._parts.stamps)
+
     def _take(self, arrived: ReceivedMessage) -> None:
         try:
             if arrived.payload is None:
                 raise cdr.CdrError("it is too long")
-            self._states.update(cdr.read_joint_state(arrived.payload), arrived.at_s)
+            said = cdr.read_joint_state(arrived.payload)
+            self._states.update(said, arrived.at_s)
+            self._note_stamp(said.names, said.stamp_ns, arrived.at_s)
         except cdr.CdrError as error:
             self.bad_messages += 1
             # logs the 1st, 2nd, 4th … message, so that a flood does not fill the log

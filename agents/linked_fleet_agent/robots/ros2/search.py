@@ -213,7 +213,8 @@ class _Search:
             self._missing.append(f"a component is left out: {error}")
 
     def _say_missing(self) -> Iterable[str]:
-        return [*self._missing, *self._unanswered, *(f"{joint}: {why}" for joint, why in self.parts.held.items())]
+        held = (f"{joint}: {why}" for joint, why in self.parts.held.items())
+        return [*self._missing, *self._unanswered, *held, *filter(None, [self.parts.stamps])]
 
     def _clock(self) -> Literal["system", "simulated"]:
         return "simulated" if self._own.offered("publisher", CLOCK, everywhere=True) else "system"
