@@ -6,7 +6,7 @@ from collections.abc import Callable
 from random import Random
 from typing import Any
 
-from fuzzing import mutation
+from fuzzing import mutation, ros2_types
 from fuzzing.findings import Tally, in_process
 from linked_fleet_agent.robot import Facts, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
@@ -80,6 +80,11 @@ class RosSide:
         for name in (address.states, address.description, *(one.topic for one in address.controllers)):
             assert name.startswith("/") and not set(name) & set("*$?#% ") and "//" not in name, name
 
+    def types(self, random: Random) -> None:
+        """Pass a message, a description or a file of types, or a configuration."""
+        take = random.choices(_OF_TYPES, _WEIGHTS_OF_TYPES)[0]
+        take(random, torn)
+
     def _send(self, random: Random) -> None:
         setpoints = {name: random.uniform(-2, 2) for name in random.sample(_JOINTS[:3], random.randint(1, 3))}
         sent = self._follower.next(setpoints, self._now_s)
@@ -117,5 +122,12 @@ def _number(random: Random) -> float:
     return random.choice((random.uniform(-2, 2), 0.0, -0.0, math.nan, math.inf, -math.inf, 1e308, 5e-324))
 
 
-_CASES: tuple[Callable[[RosSide, Random], None], ...] = (RosSide.state, RosSide.description, RosSide.address)
-_WEIGHTS = (80, 10, 10)
+_CASES: tuple[Callable[[RosSide, Random], None], ...] = (
+    RosSide.state,
+    RosSide.types,
+    RosSide.description,
+    RosSide.address,
+)
+_WEIGHTS = (50, 30, 10, 10)
+_OF_TYPES = (ros2_types.message, ros2_types.description, ros2_types.interface_file, ros2_types.configuration)
+_WEIGHTS_OF_TYPES = (60, 25, 10, 5)

@@ -2,7 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
@@ -47,8 +47,19 @@ class Declared:
     setters: Mapping[str, Task] = field(default_factory=dict)
 
 
+class DeclaredComponent(Component):
+    """A component that is made at run time, and makes its own declaration instead of having it in annotations."""
+
+    def declaration(self) -> Declared:
+        """Return the declaration. Raises DeclarationError."""
+        raise NotImplementedError
+
+
 def declare(component: Component) -> Declared:
     """Return the declaration of a component. Raises DeclarationError, which names the place."""
+    if isinstance(component, DeclaredComponent):
+        made = component.declaration()
+        return replace(made, said=_checked(made.said))
     cls = type(component)
     name = component.name or cls.__name__.lower()
     properties, actions, events = dict[str, wire.Property](), dict[str, wire.Action](), dict[str, wire.Event]()

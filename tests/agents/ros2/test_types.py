@@ -233,6 +233,8 @@ def test_a_description_goes_through_its_own_service_unchanged() -> None:
         (described("my_msgs/msg/A", field("a", 50)), "has 0 items"),
         (described("my_msgs/msg/A", field("a", 6, default="x" * 5000)), "a default of more than 4096"),
         (described("my_msgs/msg/A", field("a", 6, default="__import__('os')")), "is no value of a"),
+        (described("my_msgs/msg/A", field("a", 3, default="256")), "the default of a is none of its values: 256 is no"),
+        (described("my_msgs/msg/A", field("a", 50, capacity=3, default="[1]")), "1 items, where 3 are expected"),
         (
             described("my_msgs/msg/A", field("a", 49, "my_msgs/msg/B", 65_536), B=[field("b", 51, capacity=65_536)]),
             "at least 4294967296 bytes",

@@ -220,3 +220,11 @@ def test_an_object_has_a_bounded_number_of_members() -> None:
     view = View(MessageTypes().describe(wide))
     assert len(view.schema.properties) == 64 and len(view.left_out) == 6
     assert view.left_out[0] == "a64: an object has at most 64 members, each with a name of its own"
+
+
+def test_a_message_of_another_distribution_lacks_what_it_does_not_have() -> None:
+    """Controllers of Humble do not say their update rate, and without a hash nobody knows that they are of Humble."""
+    name = "controller_manager_msgs/msg/ControllerState"
+    payload = MessageTypes(preferred="humble").message(name).write({"name": "arm", "state": "active"})
+    said = View(TYPES.message(name)).value(TYPES.message(name).read(payload))
+    assert said["name"] == "arm" and "update_rate" not in said

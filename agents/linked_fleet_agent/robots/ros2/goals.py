@@ -17,6 +17,7 @@ from linked_fleet_agent.robots.ros2.serialization import CdrError
 from linked_fleet_agent.robots.ros2.types import ActionType, MessageTypes, ServiceType
 
 EXECUTING, SUCCEEDED, CANCELED, ABORTED = 2, 4, 5, 6  # action_msgs/msg/GoalStatus
+_WORKING = (1, EXECUTING, 3)  # accepted, executing, canceling
 _ENDED = (SUCCEEDED, CANCELED, ABORTED)
 CANCEL_GOAL, STATUS_ARRAY = "action_msgs/srv/CancelGoal", "action_msgs/msg/GoalStatusArray"
 ANSWER_S = 2.0
@@ -76,12 +77,16 @@ class ActionClient:
 
     async def send(self, goal_id: bytes, goal: Mapping[str, Any]) -> None:
         """Send a goal. Raises GoalRefusedError, or GoalError if it is not known whether the server has it."""
-        if self._feedback is None:
-            self._feedback = Inbox(self._graph, f"{self.name}/_action/feedback", self.type.feedback_message)
+        self.listen()
         request = {"goal_id": {"uuid": goal_id}, "goal": goal}
         answer = await self._within(self._call("send_goal", self.type.send_goal, request), "does not answer")
         if not answer["accepted"]:
             raise GoalRefusedError(f"{self.name} does not accept the goal")
+
+    def listen(self) -> None:
+        """Receive feedback from now on."""
+        if self._feedback is None:
+            self._feedback = Inbox(self._graph, f"{self.name}/_action/feedback", self.type.feedback_message)
 
     def feedback(self, goal_id: bytes) -> dict[str, Any] | None:
         """Return the newest feedback of a goal, once; None if there is no new one."""
@@ -93,9 +98,13 @@ class ActionClient:
 
     def status(self, goal_id: bytes) -> int | None:
         """Return the status of a goal as the server has published it last; None if it does not name the goal."""
+        return self.statuses().get(goal_id)
+
+    def statuses(self) -> Mapping[bytes, int]:
+        """Return the goals that the server has and had lately, of all its clients, as it has published it last."""
         for said in self._status.fetch():
             self._goals = {bytes(each["goal_info"]["goal_id"]["uuid"]): each["status"] for each in said["status_list"]}
-        return self._goals.get(goal_id)
+        return self._goals
 
     async def result(self, goal_id: bytes) -> GoalEnd:
         """Wait for the end of a goal, also across restarts of what is between. Raises GoalError if it is not known."""
@@ -104,7 +113,9 @@ class ActionClient:
             try:
                 end = await self._result_now(goal_id)
             except GoalError as error:
-                if isinstance(error, GoalLostError) or time.monotonic() - seen_s > LOST_S:
+                if self.is_available and self.status(goal_id) in _WORKING and not isinstance(error, GoalLostError):
+                    seen_s = time.monotonic()  # the transport has ended the call
+                elif isinstance(error, GoalLostError) or time.monotonic() - seen_s > LOST_S:
                     raise GoalError(f"what became of the goal is not known: {error}") from error
                 await asyncio.sleep(_PAUSE_S)
                 continue

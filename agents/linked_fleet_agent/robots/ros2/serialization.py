@@ -125,9 +125,13 @@ class Serializer:
 
     def _field(self, field: Field, order: str, above: tuple[str, ...]) -> Codec:
         codec = self._value(field, order, above)
-        if field.default is not None:
-            codec = codec._replace(zero=lambda: field.default)
-        return codec
+        if field.default is None:
+            return codec
+        try:
+            codec.write(bytearray(), field.default)
+        except CdrError as error:
+            raise DefinitionError(f"the default of {field.name} is none of its values: {error}") from error
+        return codec._replace(zero=lambda: field.default)
 
     def _value(self, field: Field, order: str, above: tuple[str, ...]) -> Codec:
         if field.type in TEXTS or field.type == "wchar":

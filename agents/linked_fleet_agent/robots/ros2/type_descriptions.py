@@ -31,10 +31,11 @@ _ARITIES: Mapping[Arity, int] = {"one": 0, "array": 48, "bounded": 96, "sequence
 
 def type_hash(definitions: Mapping[str, Definition], name: str) -> str:
     """Return the RIHS01 hash of a type. Raises DefinitionError if a part of it is not defined."""
-    return f"RIHS01_{sha256(json.dumps(_description(definitions, name)).encode()).hexdigest()}"
+    return f"RIHS01_{sha256(json.dumps(description(definitions, name)).encode()).hexdigest()}"
 
 
-def _description(definitions: Mapping[str, Definition], name: str) -> dict[str, Any]:
+def description(definitions: Mapping[str, Definition], name: str) -> dict[str, Any]:
+    """Return the description of a type and of all that it contains, without defaults, which the hash leaves out."""
     found, waiting = dict[str, Any](), [name]
     while waiting:
         each = waiting.pop()

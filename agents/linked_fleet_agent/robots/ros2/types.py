@@ -5,13 +5,20 @@ none is stated, as in Humble, it is that of the preferred distribution, and a me
 one of the next distribution that it fits.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from linked_fleet_agent.robots.ros2.definitions import Definition, DefinitionError, Definitions, Field, check_name
+from linked_fleet_agent.robots.ros2.definitions import (
+    Definition,
+    DefinitionError,
+    Definitions,
+    Field,
+    check_name,
+    derived,
+)
 from linked_fleet_agent.robots.ros2.distributions import DISTRIBUTIONS, InterfaceFolder, distribution
 from linked_fleet_agent.robots.ros2.serialization import MAX_MESSAGE_BYTES, CdrError, Serializer
 from linked_fleet_agent.robots.ros2.type_descriptions import definitions_of, type_hash
@@ -201,18 +208,34 @@ class MessageTypes:
             raise DefinitionError(f"the type {name} is known, but not as the other side has it ({stated})")
         return MessageType(name, fitting[0], () if name in hashes else _different(name, fitting))
 
-    def describe(self, description: Mapping[str, Any]) -> MessageType:
-        """Add what a node says about a type, a TypeDescription. Raises DefinitionError if it cannot be used."""
-        definitions = definitions_of(description)
+    def describe(self, description: Mapping[str, Any], hash: str = "") -> MessageType:
+        """Add what a node says about a type, a TypeDescription.
+
+        Raises DefinitionError if it cannot be used, or has another ``hash`` than the one that was asked for.
+        """
         name = description["type_description"]["type_name"]
-        origin = _Origin(definitions)
-        key = (name, type_hash(definitions, name))
-        if key not in self._described and len(self._described) >= MAX_DESCRIPTIONS:
-            raise DefinitionError(f"{MAX_DESCRIPTIONS} types are described already, and no more may be")
-        for part in _messages_of(definitions, name):
-            origin.serializer.zero(part)
-        self._described[key] = origin
-        return MessageType(name, origin)
+        definitions = definitions_of(description)
+        found = type_hash(definitions, check_name(name))
+        if hash and hash != found:
+            raise DefinitionError(f"the description of {name} has the hash {found}, not {hash[:80]}")
+        return self._keep(name, found, definitions)
+
+    def describe_action(self, name: str, descriptions: Iterable[Mapping[str, Any]]) -> ActionType:
+        """Add an action by the descriptions of its services and its feedback. Raises DefinitionError."""
+        parts = {type_: each for said in descriptions for type_, each in definitions_of(said).items()}
+        parts.update({each.name: each for each in derived(check_name(name))})
+        definitions = Definitions(parts)
+        return ActionType(self._keep(name, type_hash(definitions, name), definitions))
+
+    def _keep(self, name: str, hash: str, definitions: Mapping[str, Definition]) -> MessageType:
+        if (name, hash) not in self._described:
+            if len(self._described) >= MAX_DESCRIPTIONS:
+                raise DefinitionError(f"{MAX_DESCRIPTIONS} types are described already, and no more may be")
+            origin = _Origin(definitions)
+            for part in _messages_of(definitions, name):
+                origin.serializer.zero(part)
+            self._described[name, hash] = origin
+        return MessageType(name, self._described[name, hash])
 
     def _all(self) -> Iterator[_Origin]:
         for name in self._order:

@@ -1,7 +1,7 @@
 """The JSON form of ROS 2 messages, with its schema (``wire/schema.py``).
 
 Times and durations are seconds, byte arrays are base64, a UUID is its text. What is deeper than schemas may be comes up
-with a joined name: ``position_x``. A number that is not finite, or that JSON does not carry, is unknown: its member is
+with a joined name, as position_x. A number that is not finite, or that JSON does not carry, is unknown: its member is
 left out, and so is an array that has one. What no schema can say at all is left out too, and named in ``left_out``.
 """
 
@@ -83,10 +83,7 @@ class View:
 
     def value(self, message: Mapping[str, Any]) -> Any:
         """Return the JSON form of a message, or None if it is unknown."""
-        found: Any = message
-        for name in self._path:
-            found = found[name]
-        said = self._node.to_json(found)
+        said = _known(self._node, _at(message, tuple(self._path)))
         return None if said is UNSET else said
 
     def message(self, value: Any) -> dict[str, Any]:
@@ -292,7 +289,7 @@ def _array_node(field: Field, item: _Node, term: str) -> _Node:
 
 def _object_node(members: Mapping[str, tuple[tuple[str, ...], _Node, bool]]) -> _Node:
     def to_json(said: Any) -> dict[str, Any]:
-        found = {name: node.to_json(_at(said, path)) for name, (path, node, _) in members.items()}
+        found = {name: _known(node, _at(said, path)) for name, (path, node, _) in members.items()}
         return {name: each for name, each in found.items() if each is not UNSET}
 
     def from_json(said: Any) -> dict[str, Any]:
@@ -314,9 +311,14 @@ def _object_node(members: Mapping[str, tuple[tuple[str, ...], _Node, bool]]) -> 
 
 
 def _at(said: Any, path: tuple[str, ...]) -> Any:
+    """Return a member; UNSET if it is missing, as in a message of another distribution."""
     for each in path:
-        said = said[each]
+        said = said.get(each, UNSET) if said is not UNSET else UNSET
     return said
+
+
+def _known(node: _Node, said: Any) -> Any:
+    return UNSET if said is UNSET else node.to_json(said)
 
 
 def _constants(field: Field, definition: Definition) -> str:
