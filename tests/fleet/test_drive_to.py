@@ -22,8 +22,12 @@ JSON = {"accept": "application/json"}
 
 
 @pytest.fixture(scope="module")
-def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Browser, dict[str, SimulatedRobot]]]:
-    place = Place(tmp_path_factory.mktemp("state"))
+def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
+    return Place(tmp_path_factory.mktemp("state"))
+
+
+@pytest.fixture(scope="module")
+def here(place: Place) -> Iterator[tuple[Browser, dict[str, SimulatedRobot]]]:
     with place.gateway() as (_, browser), simulated(place.zenoh, "tiago", "pmb2") as robots:
         for name in robots:
             live(browser, name)
@@ -139,6 +143,25 @@ def test_two_that_meet_pass_each_other(tiago: Driver, pmb2: Driver) -> None:
         driver.end(run)
     assert tiago.at[:2] == pytest.approx((3.0, 1.2), abs=0.03)
     assert pmb2.at[:2] == pytest.approx((0.0, 0.0), abs=0.03)
+
+
+def test_two_that_swap_places_by_two_gateways_give_way(
+    place: Place, here: tuple[Browser, dict[str, SimulatedRobot]], tiago: Driver
+) -> None:
+    """Each stands at the goal of the other one, so one of them has to be asked to leave, through its own gateway."""
+    with Place(place.state, zenoh=place.zenoh).gateway() as (_, browser):
+        for name in ("tiago", "pmb2"):
+            live(browser, name)
+        pmb2 = Driver(browser, here[1]["pmb2"], "pmb2", 3.0, 0.0)
+        eventually(lambda: tiago.ask(1.5, 0.0, prefer="dry-run").status_code == 200, "the placement at both")
+        first = tiago.begin(0.6, 0.0)
+        eventually(lambda: tiago.at[0] > 0.3, "a robot on its way")
+        run = pmb2.begin(0.6, 0.0)
+        tiago.end(first)
+        tiago.end(tiago.begin(3.0, 0.0))
+        pmb2.end(run)
+        assert tiago.at[:2] == pytest.approx((3.0, 0.0), abs=0.03)
+        assert pmb2.at[:2] == pytest.approx((0.6, 0.0), abs=0.03)
 
 
 def test_a_robot_that_stands_in_the_way_for_ever_is_named(tiago: Driver, pmb2: Driver) -> None:

@@ -8,7 +8,7 @@ from linked_fleet_gateway.api import Core, Invocation, InvocationState, Robot
 from linked_fleet_gateway.base.errors import Busy, Conflict, MotionRefused
 from linked_fleet_gateway.extensions.navigation import floor
 from linked_fleet_gateway.extensions.navigation.messages import Way
-from linked_fleet_gateway.extensions.navigation.traffic import Around, Ended, UnplannedError
+from linked_fleet_gateway.extensions.navigation.trips import Around, Ended, UnplannedError
 from linked_fleet_gateway.extensions.world.collisions import Unchecked
 from linked_fleet_gateway.extensions.world.path_watch import AHEAD
 from linked_fleet_gateway.extensions.world.service import World

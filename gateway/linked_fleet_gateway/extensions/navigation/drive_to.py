@@ -24,7 +24,8 @@ from linked_fleet_gateway.base.errors import Members
 from linked_fleet_gateway.extensions.navigation import floor
 from linked_fleet_gateway.extensions.navigation.drive import DrivenBase, offer_of
 from linked_fleet_gateway.extensions.navigation.messages import EDGE, MAP, Goal, Near, Strip, ToPose, Way
-from linked_fleet_gateway.extensions.navigation.traffic import DriveError, NoWayError, Traffic, Trip, UnplannedError
+from linked_fleet_gateway.extensions.navigation.traffic import Traffic
+from linked_fleet_gateway.extensions.navigation.trips import DriveError, NoWayError, Trip, UnplannedError
 from linked_fleet_gateway.extensions.world.driving import on_floor
 from linked_fleet_gateway.extensions.world.map_resources import MAP as MAP_PATH
 from linked_fleet_gateway.extensions.world.placement import LF as WORLD_TERMS

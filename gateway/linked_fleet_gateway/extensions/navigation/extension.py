@@ -9,6 +9,7 @@ import msgspec
 from linked_fleet_gateway.api import Core, Extension, Mount
 from linked_fleet_gateway.extensions.navigation.drive_to import LF, DriveTo, drives_of
 from linked_fleet_gateway.extensions.navigation.messages import EDGE, MAP, Answer, PlanFailed, PlanWay
+from linked_fleet_gateway.extensions.navigation.other_gateways import Notice
 from linked_fleet_gateway.extensions.navigation.traffic import Traffic
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS
 from linked_fleet_gateway.extensions.world.service import World
@@ -49,8 +50,11 @@ class NavigationExtension(Extension):
                 return "an object that is gone" if thing is None else thing.title
             return name or "another robot"
 
-        drive = DriveTo(core, world, Traffic(plan, is_driven, title)).plan
+        board = core.table("drives", Notice, lambda id, before, after: traffic.tell())
+        traffic = Traffic(plan, is_driven, title, board)
+        drive = DriveTo(core, world, traffic).plan
         try:
-            yield Mount(handlers={LF.DriveTo: drive, LF.DriveNear: drive})
+            async with board:
+                yield Mount(handlers={LF.DriveTo: drive, LF.DriveNear: drive})
         finally:
             await process.end()

@@ -3,7 +3,7 @@
 from linked_fleet_agent import planar
 from linked_fleet_gateway.api import Conflict, Robot, robot_path
 from linked_fleet_gateway.extensions.navigation.messages import FloorCells, Obstacle
-from linked_fleet_gateway.extensions.navigation.traffic import Around
+from linked_fleet_gateway.extensions.navigation.trips import Around
 from linked_fleet_gateway.extensions.world.descriptions import object_path
 from linked_fleet_gateway.extensions.world.driving import odometry_of, on_floor
 from linked_fleet_gateway.extensions.world.placement import pose_in_world

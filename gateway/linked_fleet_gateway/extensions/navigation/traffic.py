@@ -9,141 +9,48 @@ that are not on such a drive are obstacles, and those among them that move are w
 import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
-from typing import Protocol
+from dataclasses import replace
 
-from msgspec import Struct, structs
+from msgspec import structs
 
-from linked_fleet_agent.planar import Pose
 from linked_fleet_gateway.extensions.navigation.messages import (
     Answer,
     AsideOf,
     Blocked,
-    FloorCells,
-    Goal,
     Obstacle,
     PlanFailed,
     PlanWay,
     Polygon,
-    Strip,
     TooFar,
     Way,
 )
+from linked_fleet_gateway.extensions.navigation.other_gateways import Board, Others
 from linked_fleet_gateway.extensions.navigation.swept import meets, swept
+from linked_fleet_gateway.extensions.navigation.trips import (
+    Around,
+    Aside,
+    Ask,
+    DriveError,
+    Ended,
+    NoWayError,
+    Trip,
+    UnplannedError,
+    goes_first,
+    known_name,
+)
 
 PATIENCE_S, LONGEST_WAIT_S = 30.0, 600.0
 """How long a drive waits for what stands in its way, and for robots that will leave."""
 LOOK_S = 0.5
 _MOST_LOST = 3
-
-
-class Around(Struct, frozen=True):
-    """A base and what is around it: its pose in the world, its outline, and the obstacles on the floor.
-
-    A robot that moves is an obstacle on its way too, which ``passes``.
-    """
-
-    pose: Pose
-    outline: Polygon
-    obstacles: tuple[Obstacle, ...]
-    cells: FloorCells | None = None
-    lateral: bool = False
-
-
-class Ended(Struct, frozen=True):
-    """How a drive along a way has ended.
-
-    One that was ``blocked`` stands before something that has come into its way, one that was ``refused`` has not begun,
-    and one that is ``lost`` is not on its way any more.
-    """
-
-    arrived: bool = False
-    blocked: str = ""
-    lost: str = ""
-    refused: str = ""
-    failed: str = ""
-
-
-class DriveError(Exception):
-    """A drive cannot reach its goal; the message says why."""
-
-
-class NoWayError(DriveError):
-    """There is no way to the goal. ``by`` are the names of what blocks it."""
-
-    def __init__(self, message: str, by: tuple[str, ...] = ()) -> None:
-        super().__init__(message)
-        self.by = by
-
-
-class UnplannedError(DriveError):
-    """No way could be planned now; there may be one."""
-
-
-class Base(Protocol):
-    """A base that can be driven."""
-
-    @property
-    def name(self) -> str:
-        """The name of its obstacle: that of the robot."""
-
-    def may_know(self, name: str) -> bool:
-        """Return True if whoever drives it may know of a robot."""
-
-    async def around(self) -> Around:
-        """Return what is around it. Raises UnplannedError if that is unknown now, and errors of the gateway."""
-
-    async def follow(self, way: Way) -> Ended:
-        """Drive along a way, until the base stands."""
-
-
 Plan = Callable[[PlanWay], Awaitable[Answer]]
-
-
-@dataclass
-class _Aside:
-    """A request to a drive: to leave this floor for the drive that asks, until that is on its way."""
-
-    asker: "Trip"
-    floor: tuple[Polygon, ...]
-    done: bool = False
-
-    @property
-    def is_over(self) -> bool:
-        return self.asker.driving or self.asker.ended
-
-
-@dataclass(eq=False)
-class Trip:
-    """A drive to a goal. Of two, the one with the lower ``rank`` goes first."""
-
-    base: Base
-    goal: Goal
-    rank: tuple[int, int]
-    corridor: tuple[Strip, ...] = ()
-    report: Callable[[str], None] = lambda reason: None
-    way: tuple[Polygon, ...] = ()
-    """The floor that it covers on the way that it drives."""
-    ended: bool = False
-    aside: _Aside | None = None
-    waits_for: tuple[str, ...] = ()
-    """The robots for which it waits."""
-    helpless: set["Trip"] = field(default_factory=set)
-    """The drives that asked for its floor, which it could not leave."""
-
-    @property
-    def name(self) -> str:
-        return self.base.name
-
-    @property
-    def driving(self) -> bool:
-        return bool(self.way)
 
 
 class Traffic:
     """The drives of a gateway.
 
-    ``is_driven`` tells if a robot is on such a drive at any gateway, ``title`` what an obstacle is called.
+    ``is_driven`` tells if a robot is on such a drive at any gateway, ``title`` what an obstacle is called. By ``board``
+    it hears of the drives of other gateways.
     """
 
     def __init__(
@@ -151,9 +58,10 @@ class Traffic:
         plan: Plan,
         is_driven: Callable[[str], bool] = lambda name: False,
         title: Callable[[str], str] = str,
+        board: Board | None = None,
     ) -> None:
         self._plan, self._is_driven, self._title = plan, is_driven, title
-        self._trips = dict[str, Trip]()
+        self._trips, self._others = dict[str, Trip](), Others(board, is_driven)
         self._first = dict[str, tuple[PlanWay, Answer]]()
         """By robot, what was asked for its next drive, and the answer."""
         self._changed = asyncio.Event()
@@ -185,7 +93,8 @@ class Traffic:
         finally:
             trip.ended = True
             del self._trips[trip.name]
-            self._tell()
+            self.tell()
+            await self._others.tell(trip)
 
     async def _run(self, trip: Trip) -> None:
         clock, times_lost = asyncio.get_running_loop(), 0
@@ -203,17 +112,19 @@ class Traffic:
             if ended.failed or times_lost > _MOST_LOST or clock.time() - begun_s > PATIENCE_S:
                 raise DriveError(why)
             trip.report(ended.blocked or why)
-            await self._wait()
+            await self._wait(trip)
 
     async def _drive(self, trip: Trip, around: Around, way: Way) -> Ended:
         trip.way = _floor(around, way)
         trip.helpless.clear()
-        self._tell()
+        trip.asks.clear()
+        self.tell()
+        await self._others.tell(trip)
         try:
             return await trip.base.follow(way)
         finally:
             trip.way = ()
-            self._tell()
+            self.tell()
 
     # -- the way ----------------------------------------------------------------------------------------------------
 
@@ -230,7 +141,7 @@ class Traffic:
             trip.report(why)
             if clock.time() - began_s > (LONGEST_WAIT_S if trip.waits_for else PATIENCE_S):
                 raise NoWayError(why)
-            await self._wait()
+            await self._wait(trip)
         return None
 
     async def _way(self, trip: Trip) -> tuple[tuple[Around, Way] | None, str]:
@@ -248,6 +159,7 @@ class Traffic:
             return None, self.in_words(alone)
         floor = _floor(around, alone)
         on_it = self._on(around, floor)
+        trip.asks.clear()
         for name in on_it:
             self._ask_aside(trip, name, floor)
         trip.waits_for = on_it
@@ -272,30 +184,51 @@ class Traffic:
 
     def _ask_aside(self, trip: Trip, name: str, floor: tuple[Polygon, ...]) -> None:
         """Ask the drive of a robot that waits to leave the floor, if it has to."""
-        other = self._trips.get(name)
-        if other is None or other.driving or not _goes_first(trip, other):
+        other = self._trip(name)
+        if other is None or other.driving or not goes_first(trip, other):
+            return
+        if name not in self._trips:
+            trip.asks[name] = Ask(trip.name, floor)
             return
         held = other.aside
         if held is None or held.is_over or (held.asker is not trip and trip.rank < held.asker.rank):
-            other.aside = _Aside(trip, floor)
-            self._tell()
+            other.aside = Aside(trip, floor)
+            self.tell()
+
+    def _take(self, trip: Trip, asker: Trip, ask: Ask) -> None:
+        """Let a drive of this gateway give way, as another gateway asks for."""
+        held = trip.aside
+        if trip.driving or asker.driving or not (ask.passed_on or goes_first(asker, trip)):
+            return
+        if held is None or held.is_over:
+            is_news = asker not in trip.helpless
+        else:
+            is_news = held.floor != ask.floor if held.asker is asker else asker.rank < held.asker.rank
+        if is_news:
+            trip.aside = Aside(asker, ask.floor)
+            self.tell()
+
+    def _trip(self, name: str) -> Trip | None:
+        """Return the drive of a robot, at this gateway or another one."""
+        return self._trips.get(name) or self._others.get(name)
 
     async def _give_way(self, trip: Trip) -> None:
         """Leave the floor that another drive needs, until that is on its way or has ended. Raises DriveError."""
         while (aside := trip.aside) is not None:
             if aside.is_over:
                 trip.aside = None
+                trip.asks.clear()
             elif aside.done:
-                await self._wait()
+                await self._wait(trip)
             else:
-                trip.report(f"gives way to {self._title(_known(trip, aside.asker))}")
+                trip.report(f"gives way to {self._title(known_name(trip, aside.asker))}")
                 try:
                     await self._leave(trip, aside)
                 except UnplannedError as error:
                     trip.report(str(error))
-                    await self._wait()
+                    await self._wait(trip)
 
-    async def _leave(self, trip: Trip, aside: _Aside) -> None:
+    async def _leave(self, trip: Trip, aside: Aside) -> None:
         """Drive off a floor, or make those ask who are in the way of that. Give up if nothing helps."""
         around, off = await self._around(trip), replace(trip, goal=AsideOf(aside.floor), corridor=())
         answer = await self._ask(off, around, around.obstacles)
@@ -306,22 +239,24 @@ class Traffic:
         alone = await self._ask(off, around, self._lasting(around))
         on_it = self._on(around, _floor(around, alone)) if isinstance(alone, Way) else ()
         if isinstance(alone, Way) and self._pass_on(trip, aside, on_it, _floor(around, alone)):
-            await self._wait()
+            await self._wait(trip)
         else:
             trip.helpless.add(aside.asker)
             trip.aside = None
-            self._tell()
+            self.tell()
 
-    def _pass_on(self, trip: Trip, aside: _Aside, on_it: Iterable[str], floor: tuple[Polygon, ...]) -> bool:
+    def _pass_on(self, trip: Trip, aside: Aside, on_it: Iterable[str], floor: tuple[Polygon, ...]) -> bool:
         """Ask those who keep a drive from giving way to leave too. Return False if one of them cannot."""
         whole = (*aside.floor, *floor)
         for name in on_it:
-            other = self._trips.get(name)
+            other = self._trip(name)
             if other is aside.asker or (other is not None and aside.asker in other.helpless):
                 return False
-            if other is not None and not other.driving and (other.aside is None or other.aside.is_over):
-                other.aside = _Aside(aside.asker, whole)
-        self._tell()
+            if other is not None and name not in self._trips:
+                trip.asks[name] = Ask(aside.asker.name, whole, passed_on=True)
+            elif other is not None and not other.driving and (other.aside is None or other.aside.is_over):
+                other.aside = Aside(aside.asker, whole)
+        self.tell()
         return True
 
     async def _drive_aside(self, trip: Trip, around: Around, way: Way) -> Ended:
@@ -331,7 +266,7 @@ class Traffic:
         if ended.failed:
             raise DriveError(ended.failed)
         if not ended.arrived:
-            await self._wait()
+            await self._wait(trip)
         return ended
 
     async def _around(self, trip: Trip) -> Around:
@@ -339,7 +274,7 @@ class Traffic:
         around = await trip.base.around()
         known = {each.name for each in around.obstacles if each.passes}
         ways = [
-            Obstacle(_known(trip, each), each.way, passes=True)
+            Obstacle(known_name(trip, each), each.way, passes=True)
             for each in self._trips.values()
             if each is not trip and each.driving and each.name not in known
         ]
@@ -368,31 +303,25 @@ class Traffic:
                 return f"no way could be planned: {reason}"
         raise AssertionError(answer)
 
-    def _tell(self) -> None:
+    def tell(self) -> None:
+        """Wake the drives that wait, because another one has changed."""
         self._changed.set()
         self._changed = asyncio.Event()
 
-    async def _wait(self) -> None:
-        """Wait until another drive has changed, but not long."""
+    async def _wait(self, trip: Trip) -> None:
+        """Wait until another drive has changed, but not long. Exchange with other gateways what drives ask for."""
+        changed = self._changed
+        await self._others.tell(trip)
         with suppress(TimeoutError):
             async with asyncio.timeout(LOOK_S):
-                await self._changed.wait()
+                await changed.wait()
+        for asked, asker, ask in self._others.hear(self._trips):
+            self._take(asked, asker, ask)
 
 
 def _question(trip: Trip, around: Around, obstacles: Sequence[Obstacle]) -> PlanWay:
     others = tuple(each for each in obstacles if each.name != trip.name)
     return PlanWay(around.pose, trip.goal, around.outline, others, around.cells, trip.corridor, around.lateral)
-
-
-def _known(trip: Trip, other: Trip) -> str:
-    """Return the name of another drive's robot; nothing if whoever drives may not know it."""
-    return other.name if trip.base.may_know(other.name) else ""
-
-
-def _goes_first(one: Trip, other: Trip) -> bool:
-    """Return True if ``other`` has to give way: it comes later, and could, or it comes first and ``one`` could not."""
-    first, second = sorted((one, other), key=lambda each: each.rank)
-    return one is (second if first in second.helpless else first)
 
 
 def _floor(around: Around, way: Way) -> tuple[Polygon, ...]:

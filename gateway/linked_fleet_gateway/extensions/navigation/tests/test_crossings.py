@@ -8,13 +8,16 @@ import random
 from collections.abc import Sequence
 
 import pytest
+from msgspec import json
 
 from linked_fleet_agent.planar import Pose
 from linked_fleet_gateway.extensions.navigation import floor_grid
 from linked_fleet_gateway.extensions.navigation.messages import Answer, Obstacle, PlanWay, Polygon, ToPose, Way
+from linked_fleet_gateway.extensions.navigation.other_gateways import Notice
 from linked_fleet_gateway.extensions.navigation.planner import plan
-from linked_fleet_gateway.extensions.navigation.swept import hull, meets
-from linked_fleet_gateway.extensions.navigation.traffic import Around, Base, Ended, Traffic, Trip
+from linked_fleet_gateway.extensions.navigation.swept import hull, meets, swept
+from linked_fleet_gateway.extensions.navigation.traffic import Traffic
+from linked_fleet_gateway.extensions.navigation.trips import Around, Base, Ended, Trip
 
 pytestmark = pytest.mark.virtual
 
@@ -52,6 +55,7 @@ class Floor:
 class Cart(Base):
     def __init__(self, floor: Floor, name: str, pose: Pose) -> None:
         self.floor, self._name, self.pose = floor, name, pose
+        self.way: tuple[Polygon, ...] = ()
         floor.bases[name] = self
 
     @property
@@ -66,10 +70,27 @@ class Cart(Base):
         return True
 
     async def around(self) -> Around:
-        others = [Obstacle(each.name, (each.covers,)) for each in self.floor.bases.values() if each is not self]
-        return Around(self.pose, OUTLINE, (*self.floor.walls, *others))
+        others = [Obstacle(each.name, (each.covers,)) for each in self._others]
+        ways = [Obstacle(each.name, each.way, passes=True) for each in self._others if each.way]
+        return Around(self.pose, OUTLINE, (*self.floor.walls, *others, *ways))
+
+    @property
+    def _others(self) -> list["Cart"]:
+        return [each for each in self.floor.bases.values() if each is not self]
 
     async def follow(self, way: Way) -> Ended:
+        """Drive, unless the check of motions would refuse that: another base stands on the way, or will."""
+        covered = tuple(swept(OUTLINE, self.pose, way.poses, lateral=False))
+        taken = [polygon for each in self._others for polygon in (each.covers, *each.way)]
+        if any(meets(one, other) for one, other in itertools.product(covered, taken)):
+            return Ended(refused="it would meet another base")
+        self.way = covered
+        try:
+            return await self._along(way)
+        finally:
+            self.way = ()
+
+    async def _along(self, way: Way) -> Ended:
         for end in way.poses:
             if math.dist(end[:2], self.pose[:2]) > 1e-6:
                 await self._turn(math.atan2(end.y - self.pose.y, end.x - self.pose.x))
@@ -112,6 +133,36 @@ def traffic() -> Traffic:
     return Traffic(planned)
 
 
+class Board:
+    """The notices of all gateways, as one of them knows them. News take a while."""
+
+    def __init__(self, boards: list["Board"]) -> None:
+        self.known, self.roads = dict[str, Notice](), Traffic(planned, lambda name: True, board=self)
+        self._boards = boards
+        boards.append(self)
+
+    async def change(self, id: str, record: Notice | None) -> bool:
+        await asyncio.sleep(0.005)
+        said = None if record is None else json.decode(json.encode(record), type=Notice)
+        for each in self._boards:
+            asyncio.get_running_loop().call_later(0.005 * (each is not self), each.take, id, said)
+        await asyncio.sleep(0)
+        return True
+
+    def take(self, id: str, record: Notice | None) -> None:
+        self.known = {name: each for name, each in self.known.items() if name != id}
+        self.known |= {} if record is None else {id: record}
+        self.roads.tell()
+
+
+def gateways(count: int) -> list[Traffic]:
+    """Return the drives of one gateway, or of several that share a table."""
+    if count == 1:
+        return [traffic()]
+    boards = list[Board]()
+    return [Board(boards).roads for _ in range(count)]
+
+
 def trip(cart: Cart, goal: Pose, rank: int = 0) -> Trip:
     return Trip(cart, ToPose(goal[:2], goal.heading), (1, rank))
 
@@ -129,18 +180,18 @@ def scattered(chance: random.Random, floor: Floor) -> list[Pose]:
 
 
 @pytest.mark.parametrize("seed", CROSSINGS)
-async def test_all_reach_their_goals(seed: int) -> None:
+@pytest.mark.parametrize("gateway_count", [1, 2])
+async def test_all_reach_their_goals(seed: int, gateway_count: int) -> None:
     """Two to six bases among crates drive to random goals at once; 500 times in the long tests."""
     chance = random.Random(seed)
     floor = Floor([box(chance.uniform(0, SIDE_M), chance.uniform(0, SIDE_M), 0.3) for _ in range(5)])
     places = scattered(chance, floor)
     count = chance.randint(2, 6)
     carts = [Cart(floor, f"/r{number}", places[number]) for number in range(count)]
-    goals, roads = [*places[6 : 6 + count]], traffic()
+    goals, roads = [*places[6 : 6 + count]], itertools.cycle(gateways(gateway_count))
     async with asyncio.timeout(MOST_S):
-        await asyncio.gather(
-            *(roads.run(trip(cart, goal, rank)) for rank, (cart, goal) in enumerate(zip(carts, goals, strict=True)))
-        )
+        drives = enumerate(zip(carts, goals, roads, strict=False))
+        await asyncio.gather(*(each.run(trip(cart, goal, rank)) for rank, (cart, goal, each) in drives))
     for cart, goal in zip(carts, goals, strict=True):
         assert math.dist(cart.pose[:2], goal[:2]) < 0.01
 
@@ -153,14 +204,19 @@ NICHE = (
     hull(((3.6, 0.7), (3.8, 0.7), (3.8, 1.9), (3.6, 1.9))),
     hull(((2.2, 1.9), (3.8, 1.9), (3.8, 2.1), (2.2, 2.1))),
     CORRIDOR[1],
+    hull(((-1.2, -0.7), (-1.0, -0.7), (-1.0, 0.7), (-1.2, 0.7))),
+    hull(((7.0, -0.7), (7.2, -0.7), (7.2, 0.7), (7.0, 0.7))),
 )
 
 
-async def test_two_that_meet_in_a_corridor_with_a_niche_pass() -> None:
-    floor, roads = Floor(NICHE), traffic()
+@pytest.mark.parametrize("gateway_count", [1, 2])
+async def test_two_that_meet_in_a_corridor_with_a_niche_pass(gateway_count: int) -> None:
+    floor, (roads, *more) = Floor(NICHE), gateways(gateway_count)
     one, other = Cart(floor, "/one", Pose(0.0, 0.0, 0.0)), Cart(floor, "/other", Pose(4.5, 0.0, math.pi))
     async with asyncio.timeout(MOST_S):
-        await asyncio.gather(roads.run(trip(one, Pose(6.0, 0, 0))), roads.run(trip(other, Pose(0.5, 0, math.pi), 1)))
+        await asyncio.gather(
+            roads.run(trip(one, Pose(6.0, 0, 0))), (more or [roads])[0].run(trip(other, Pose(0.5, 0, math.pi), 1))
+        )
     assert one.pose.x > 5.9 and other.pose.x < 0.6
 
 
