@@ -13,8 +13,9 @@ from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.robots.ros2.address import parse_address
 from linked_fleet_agent.robots.ros2.goals import EXECUTING
 from linked_fleet_agent.robots.ros2.robot import Ros2Robot
+from linked_fleet_agent.robots.ros2.types import MessageTypes
 from linked_fleet_agent.wire import codec
-from linked_fleet_agent.wire.components import Operate
+from linked_fleet_agent.wire.components import DescriptionWithComponents, Operate
 from linked_fleet_agent.wire.messages import Command, Move, Progress, Reply, Stop
 from memory_ros import MemoryAction, MemoryGraph
 
@@ -42,8 +43,10 @@ class MemoryArm:
     what it likes in ``positions`` and ``controllers``.
     """
 
-    def __init__(self, urdf: str = URDF, actions: bool = True, manager: bool = True) -> None:
-        self.graph = MemoryGraph()
+    def __init__(
+        self, urdf: str = URDF, actions: bool = True, manager: bool = True, types: MessageTypes | None = None
+    ) -> None:
+        self.graph = MemoryGraph(types or MessageTypes())
         self.positions = {"pan": 0.0, "lift": 0.0, "finger": 0.04}
         self._taken = 0
         self.stamp_ns: Callable[[], int] = lambda: time.time_ns()
@@ -123,6 +126,20 @@ class ArmBench:
             await asyncio.sleep(TICK_S)
             self.arm.step()
             self.agent.tick(self.link)
+
+    async def leave(self) -> None:
+        """End the agent, as a signal does."""
+        running = asyncio.ensure_future(self.agent.run(self.link))
+        await asyncio.sleep(TICK_S)
+        running.cancel()
+        await asyncio.wait({running})
+        await asyncio.sleep(TICK_S)
+
+    def declared(self, component: str) -> dict[str, Any]:
+        """Return the declaration of a component."""
+        said = codec.decode(self.agent.description, DescriptionWithComponents)
+        found: dict[str, Any] = next(each for each in msgspec.json.decode(said.components) if each["name"] == component)
+        return found
 
     def move(self, id: str, **targets: float) -> Reply:
         asked = Command(

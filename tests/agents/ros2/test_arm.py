@@ -64,7 +64,7 @@ async def test_an_inactive_controller_refuses_at_once_and_works_when_it_is_activ
         refused = bench.move("m", pan=0.5)
         assert isinstance(refused, Refused)
         assert refused.reason == "pan takes no command now: arm_controller is inactive"
-        assert "pan: arm_controller is inactive" in bench.value("ros", "missing")
+        assert "pan: arm_controller is inactive" in bench.value("driver", "missing")
         arm.controllers["arm_controller"] = "active"
         await bench.run(5.0)
         assert not isinstance(bench.move("n", pan=0.5), Refused)
@@ -102,7 +102,7 @@ async def test_a_server_that_does_not_answer_leaves_the_topic() -> None:
         await bench.run(3.0)
         assert bench.end("m").state == "succeeded"
         assert arm.positions["pan"] == pytest.approx(0.5, abs=1e-3)
-        assert any("does not answer" in each for each in bench.value("ros", "missing"))
+        assert any("does not answer" in each for each in bench.value("driver", "missing"))
 
 
 async def test_a_gripper_grasps_holds_and_loses() -> None:

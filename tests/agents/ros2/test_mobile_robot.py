@@ -73,7 +73,7 @@ async def test_limits_and_outline_are_those_of_nav2() -> None:
         limits = bench.value("mobile_base", "driveLimits")
         assert (limits["linear"], limits["angular"], limits["linearAcceleration"]) == (0.5, 1.0, 1.0)
         assert bench.value("mobile_base", "footprint")[0] == {"x": 0.3, "y": 0.2}
-        assert bench.value("ros", "missing") == []
+        assert bench.value("driver", "missing") == []
 
 
 async def test_a_drive_sends_velocities_brakes_and_then_leaves_the_base_to_others() -> None:

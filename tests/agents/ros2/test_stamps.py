@@ -41,7 +41,7 @@ async def test_a_robot_whose_clock_runs_backwards_is_measured_and_said_once(capl
             assert [each.positions[0] for each in bench.link.states[-20:]] == [0.0] * 20
             times = [each.monotonic_ns for each in bench.link.states]
             assert times == sorted(times)
-            [said] = [each for each in bench.value("ros", "missing") if "time stamp" in each]
+            [said] = [each for each in bench.value("driver", "missing") if "time stamp" in each]
     assert said.startswith("messages of /joint_states have a time stamp that is 0.0")
     assert said.endswith("s before the one before it; times of arrival count")
     assert sum("time stamp" in record.message for record in caplog.records) == 1
@@ -52,4 +52,4 @@ async def test_a_simulated_clock_is_said() -> None:
     arm = MemoryArm()
     arm.graph.publish("/clock", "rosgraph_msgs/msg/Clock", {"clock": {"sec": 12}})
     async with ArmBench(arm) as bench:
-        assert bench.value("ros", "timeSource") == "simulated"
+        assert bench.value("driver", "timeSource") == "simulated"

@@ -82,16 +82,17 @@ class RosComponent(DeclaredComponent, blocking=False):
 
 @dataclass
 class Exposed:
-    """What is exposed of a graph. ``findings`` are sentences about what is not; ``goals`` are actions by name in ROS.
-
-    Those of ``moving`` move something, so a stop ends all their goals.
-    """
+    """What is exposed of a graph. ``findings`` are sentences about what is not, ``goals`` actions by name in ROS."""
 
     components: list[RosComponent] = field(default_factory=list)
     findings: list[str] = field(default_factory=list)
     goals: dict[str, ActionGoal] = field(default_factory=dict)
-    moving: list[ActionClient] = field(default_factory=list)
     _seen: frozenset[tuple[str, str, str]] = frozenset()
+
+    @property
+    def moving(self) -> list[ActionClient]:
+        """The clients of actions that move something."""
+        return [each.client for each in self.goals.values() if each.task.declared.moves]
 
     def lacks(self, configuration: Configuration, offers: Collection[Offer], namespace: str = "") -> bool:
         """Return True if something has come into the graph that would be exposed too."""
@@ -123,7 +124,6 @@ async def expose(
     made.components = _declarable(maker.components.values(), links, joints, made.findings)
     kept = {id(task) for component in made.components for task in component.tasks.values()}
     made.goals = {name: each for name, each in made.goals.items() if id(each.task) in kept}
-    made.moving = [each.client for each in made.goals.values() if each.task.declared.moves]
     for sentence in made.findings:
         _log.warning("%s", sentence)
     return made

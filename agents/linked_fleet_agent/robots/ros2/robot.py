@@ -12,6 +12,7 @@ from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots
 from linked_fleet_agent.robot import Facts, FollowedEnd, NewDescriptionError, Reading, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import Address
+from linked_fleet_agent.robots.ros2.configuration import read_configuration
 from linked_fleet_agent.robots.ros2.controllers import Controllers
 from linked_fleet_agent.robots.ros2.finding import (
     controllers_of,
@@ -121,11 +122,12 @@ class Ros2Robot:
     ) -> "Ros2Robot":
         """Find the robot in a graph. Raises TimeoutError, AddressError."""
         types = types or types_of(address)
+        configuration = read_configuration(address.config, address.namespace, address.expose, address.deny)
         descriptions = listen_to_descriptions(graph, address)
         facts = with_meshes(name, await described(name, address, graph, descriptions, deadline_s), address, roots)
         await settled(graph)
         controllers = await controllers_of(graph, types, address, facts)
-        parts = await find_parts(OwnGraph(graph, types, address.namespace), facts, controllers)
+        parts = await find_parts(OwnGraph(graph, types, address.namespace), facts, controllers, configuration)
         robot = cls(name, address, facts, graph, descriptions, controllers, parts)
         await robot.wait_for_peers()
         return robot

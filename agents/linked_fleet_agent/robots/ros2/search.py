@@ -5,10 +5,13 @@ from functools import partial
 from typing import Literal
 
 from linked_fleet_agent.components.component import Component
+from linked_fleet_agent.components.jogging import NAME as JOGGING
 from linked_fleet_agent.robot import Facts
 from linked_fleet_agent.robots.ros2 import base, gripper, navigation, states
+from linked_fleet_agent.robots.ros2.configuration import Configuration
 from linked_fleet_agent.robots.ros2.controllers import FOLLOW, Controllers, NoAnswerError, find_controllers
 from linked_fleet_agent.robots.ros2.definitions import DefinitionError
+from linked_fleet_agent.robots.ros2.exposure import Exposed, expose
 from linked_fleet_agent.robots.ros2.finding import joints_of_controller
 from linked_fleet_agent.robots.ros2.following import Following, Mover, Way
 from linked_fleet_agent.robots.ros2.goals import ActionClient
@@ -37,9 +40,9 @@ _MADE_FROM: frozenset[tuple[Role, str]] = frozenset(
 )
 
 
-async def find_parts(own: OwnGraph, facts: Facts, controllers: Controllers) -> Parts:
-    """Return what the graph offers of one robot."""
-    found = _Search(own, facts, controllers)
+async def find_parts(own: OwnGraph, facts: Facts, controllers: Controllers, configuration: Configuration) -> Parts:
+    """Return what the graph offers of one robot, and what a configuration makes of the rest of the graph."""
+    found = _Search(own, facts, controllers, configuration)
     await found.run()
     return found.parts
 
@@ -47,8 +50,9 @@ async def find_parts(own: OwnGraph, facts: Facts, controllers: Controllers) -> P
 class _Search:
     """One search, and what is looked at again while the robot runs."""
 
-    def __init__(self, own: OwnGraph, facts: Facts, controllers: Controllers) -> None:
-        self._own, self._facts, self._controllers = own, facts, controllers
+    def __init__(self, own: OwnGraph, facts: Facts, controllers: Controllers, configuration: Configuration) -> None:
+        self._own, self._facts, self._controllers, self._configuration = own, facts, controllers, configuration
+        self._exposed = Exposed()
         self._missing, self._unanswered = list[str](), list[str]()
         self._made_from, self._before = self._relevant(), frozenset[Interface]()
         self.parts = Parts(held=dict(controllers.held or {}))
@@ -56,7 +60,7 @@ class _Search:
     async def run(self) -> None:
         await self._find_base()
         self._find_states()
-        movers = [*await self._find_grippers(), *self._find_navigation()]
+        movers = [*await self._find_grippers(), *self._find_navigation(), *await self._expose()]
         self.parts.following = Following(self._ways(), movers)
         self._unanswered = await self.parts.following.probe()
         status = RosStatus(self._say_missing, self._clock, self._bad_messages, self.look)
@@ -71,6 +75,23 @@ class _Search:
         self._before = relevant
         if come:
             self.parts.anew = f"{min(each.name for each in come)} has come"
+        elif self._exposed.lacks(self._configuration, self._own.graph.offers(), self._own.namespace):
+            self.parts.anew = "more that is exposed has come"
+
+    async def _expose(self) -> list[Mover]:
+        """Make components of what the configuration names."""
+        if not self._configuration:
+            return []
+        own, model = self._own, RobotModel.for_urdf(self._facts.urdf)
+        reserved = [*(each.name for each in self.parts.components), RosStatus.name, JOGGING]
+        self._exposed = await expose(
+            own.graph, own.types, self._configuration, namespace=own.namespace, links=model.links,
+            joints=[joint.name for joint in self._facts.joints], reserved=reserved,
+        )  # fmt: skip
+        self.parts.components += self._exposed.components
+        self._missing += self._exposed.findings
+        moved = self._exposed.goals.values()
+        return [Mover(each.client, each.task.declared.moves) for each in moved if each.task.declared.moves]
 
     async def _look_at_controllers(self) -> None:
         if not self._controllers.manager:

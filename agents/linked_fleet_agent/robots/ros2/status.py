@@ -18,9 +18,9 @@ Sentence = Annotated[str, Meta(max_length=512)]
 
 
 class RosStatus(Component, rename="camel", rate_hz=1, blocking=False, stale_s=10):
-    """The graph of ROS, as the driver of this robot sees it."""
+    """The driver of this robot of ROS, and what it sees of the graph."""
 
-    name, title = "ros", "ROS"
+    name, title = "driver", "Driver"
 
     def __init__(
         self,
