@@ -1,5 +1,6 @@
 """The TOML file of a ROS 2 robot: what it gives, and what is refused with the place and what would be right."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -14,7 +15,10 @@ from linked_fleet_agent.robots.ros2.configuration import (
     PropertyEntry,
     read_configuration,
 )
+from linked_fleet_agent.robots.ros2.exposure import MAX_ACTIONS, MAX_COMPONENTS, MAX_PROPERTIES
+from linked_fleet_agent.robots.ros2.members import ACTION_S, MOTION_S, SERVICE_S
 from linked_fleet_agent.robots.ros2.units import Meaning
+from running import ROOT
 
 
 @pytest.fixture
@@ -38,7 +42,7 @@ action = "/arm/cell/fetch"
 moves = ["base"]
 """)
     assert read_configuration(file, "/arm") == Configuration(
-        properties=(PropertyEntry(topic="/arm/temperature", component="ros", name="temperature"),),
+        properties=(PropertyEntry(topic="/arm/temperature", component="root", name="temperature"),),
         events=(EventEntry(topic="/bumper/hit", component="bumper", name="hit"),),
         actions=(
             ActionEntry(service="/lights/set", component="lights", name="set"),
@@ -117,7 +121,7 @@ def test_without_a_file_there_are_patterns_alone() -> None:
         ("[[property]]\ntopic = '/t'\ntype = 'std_srvs/srv/Trigger'", "that of a topic is PACKAGE/msg/NAME"),
         (
             "[[property]]\ntopic = '/t'\n[[event]]\ntopic = '/t'",
-            "ros has two members 't'; give one of them another 'name'",
+            "root has two members 't'; give one of them another 'name'",
         ),
         ("[[action]]\nservice = '/t'\naction = '/t'", "[[action]] number 1 names service and action; one of topic,"),
         ("[[action]]\n", "[[action]] number 1 names nothing"),
@@ -145,3 +149,28 @@ def test_what_cannot_be_used_is_refused_with_its_place(file: Path, text: str, sa
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigurationError, match="cannot be read: No such file"):
         read_configuration(tmp_path / "none.toml")
+
+
+PAGE = (ROOT / "docs" / "ROS2.md").read_text()
+
+
+def test_the_example_of_the_page_is_read_and_its_table_has_all_keys(file: Path) -> None:
+    (example,) = re.findall(r"```toml\n(.*?)```", PAGE, re.S)
+    file.write_text(example)
+    said = read_configuration(file)
+    assert [each.ros_name for each in said.entries] == [
+        "/oven/temperature", "/lamp/level", "/door/opened", "/lamp/switch", "/conveyor/advance",
+    ]  # fmt: skip
+    keys = PAGE.partition("### Keys")[2].partition("### Types")[0]
+    structs = (PropertyEntry, EventEntry, ActionEntry, ComponentEntry)
+    assert [name for each in structs for name in each.__struct_fields__ if f"`{name}`" not in keys] == []
+
+
+def test_the_page_has_the_defaults_of_the_code() -> None:
+    keys = PAGE.partition("### Keys")[2].partition("### Types")[0]
+    component, action = ComponentEntry(), ActionEntry()
+    assert f"`rate_hz` ({component.rate_hz:g}), `stale_s` ({component.stale_s:g})" in keys
+    assert f"a service {SERVICE_S:g}, an action {ACTION_S:,.0f}, one that moves {MOTION_S:,.0f}" in keys
+    assert f"`stop_s` ({action.stop_s:g})" in keys and f"`rate_hz` ({EventEntry(topic='/a').rate_hz:g})" in keys
+    bounds = PAGE.partition("### Types")[2]
+    assert f"{MAX_COMPONENTS} components, {MAX_PROPERTIES} properties, {MAX_ACTIONS} actions" in bounds
