@@ -11,6 +11,7 @@ from itertools import accumulate, pairwise
 
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Velocity
 from linked_fleet_agent.smooth_path import TOLERANCE_M, Piece, Point, distinct, stretches, thinned
+from linked_fleet_agent.wire.kinds import OFF_PATH
 
 USED, _CHANGED = 0.7, 0.85
 """The share of its limits by which a base follows a path, and the one that it has to correct errors."""
@@ -136,7 +137,7 @@ class Stretch:
         at = self._at(self.way)
         off = math.hypot(pose.x - at.x, pose.y - at.y)
         if off > LOST_M:
-            raise PathError(f"the base is {off:.2f} m off its path; {LOST_M:g} m is the most")
+            raise PathError(f"{OFF_PATH} by {off:.2f} m; {LOST_M:g} m is the most")
 
     def _at(self, way: float) -> Point:
         index = self._index(way)

@@ -4,6 +4,7 @@ import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 
+import httpx
 import pytest
 
 from bench.namespaces import Link, add, full_name, link, namespaces
@@ -25,10 +26,12 @@ from commanding import (
     slowly,
 )
 from in_namespace import entered
-from running import free_port, process
+from running import eventually, free_port, process
+from scene_client import put_robot
 from small_fleet import Place, live, offline
 
 pytestmark = pytest.mark.processes
+JSON = {"accept": "application/json"}
 
 
 @pytest.fixture
@@ -41,6 +44,53 @@ def cable() -> Iterator[Link]:
                 yield link(0, "hub", "robot")
     except UnavailableError as error:
         pytest.skip(str(error))
+
+
+DRIVE = {"position": {"x": 8.0, "y": 0.0, "unit": "http://qudt.org/vocab/unit/M"}}
+
+
+def _begun(answer: httpx.Response) -> str | None:
+    return answer.headers["location"] if answer.status_code == 204 else None
+
+
+def _driven_m(browser: Browser) -> float:
+    """Return how far the cart has come by its odometry, as the gateway knows it."""
+    value = browser.http.get(f"{browser.root}cart/mobile_base", headers=JSON)
+    return float(value.json()["pose"]["x"])
+
+
+def test_a_base_on_its_way_to_a_goal_brakes_and_does_not_go_on_by_itself(tmp_path: Path, cable: Link) -> None:
+    """It stands before the cable is back, and its drive ends with the reason."""
+    place = Place(tmp_path, zenoh=f"tcp/{cable.address}:{free_port()}")
+    with (
+        process(*place.command(), "--allow", "plain-zenoh") as gateway,
+        process(
+            "tests/support/in_namespace.py", full_name("robot"), "examples/base.py", "--connect", place.zenoh
+        ) as it,
+        contextlib.closing(Browser(place.root)) as browser,
+    ):
+        gateway.said("serving")
+        live(browser, "cart")
+        put_robot(browser, "cart", 0, 0, 0)
+        action = f"{place.root}cart/actions/driveTo"
+        drive = eventually(lambda: _begun(browser.http.post(action, json=DRIVE)), "a drive")
+        eventually(lambda: _driven_m(browser) > 0.3, "a base on its way")
+        cable.cut()
+        offline(browser, "cart")
+        it.said("holds")
+        cable.heal()
+        it.said("takes commands again")
+        live(browser, "cart")
+        page = ended(browser, drive)
+        assert page.one(LF.state) == LF.failed
+        assert "gateway lost" in reason(page), reason(page)
+        stood_m = _driven_m(browser)
+        assert stood_m < 6.0
+        assert (
+            browser.http.post(f"{place.root}cart/mobile_base/actions/drive", json={"duration": 0.5}).status_code == 204
+        )
+        eventually(lambda: _begun(browser.http.post(action, json=DRIVE)), "another drive")
+        assert _driven_m(browser) == pytest.approx(stood_m, abs=0.3)
 
 
 def test_a_robot_whose_network_fails_holds_and_comes_back(tmp_path: Path, cable: Link) -> None:

@@ -12,6 +12,7 @@ from linked_fleet_agent.components.component import action
 from linked_fleet_agent.components.kinds import Arrived, PathPose, PathSpeed, PlanarPose
 from linked_fleet_agent.path_tracking import PathError, PosesAhead, Tracker, from_here
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Ramp, Velocity
+from linked_fleet_agent.wire.kinds import NOT_MOVED
 
 MOST_POSES = 64
 LONGEST_S = 3600.0
@@ -59,7 +60,7 @@ class Watch:
         if moved > _STUCK_M_RAD or not self._since_s <= now_s:
             self._pose, self._since_s = pose, now_s
         elif now_s - self._since_s > _STUCK_S:
-            raise PathError(f"the base has not moved for {_STUCK_S:g} s, although it should")
+            raise PathError(f"{NOT_MOVED} for {_STUCK_S:g} s, although it should")
 
 
 async def follow(base: Driving, call: Reports, tracker: Tracker) -> None:

@@ -15,6 +15,8 @@ from linked_fleet_agent.wire.schema import Schema, Type
 
 LF = "https://w3id.org/linked-fleet#"
 DCTERMS = "http://purl.org/dc/terms/"
+OFF_PATH, NOT_MOVED = "the base is off its path", "the base has not moved"
+"""A base that follows a path fails with a reason that begins like this if another path may help."""
 M = TypeVar("M")
 
 

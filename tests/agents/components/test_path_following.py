@@ -154,7 +154,7 @@ async def test_a_base_that_is_pushed_away_fails_with_a_reason() -> None:
     bench.base.at = bench.base.at._replace(y=0.5)
     await bench.tick(1)
     assert bench.states("f")[-1] == "failed"
-    assert "0.50 m off its path" in bench.end("f").reason
+    assert "off its path by 0.50 m" in bench.end("f").reason
     assert bench.base.sent[-1] == STANDING
 
 

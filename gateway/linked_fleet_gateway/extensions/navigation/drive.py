@@ -4,11 +4,12 @@ import asyncio
 from collections.abc import Callable
 
 from linked_fleet_agent import planar
+from linked_fleet_agent.wire.kinds import NOT_MOVED, OFF_PATH
 from linked_fleet_gateway.api import Core, Invocation, InvocationState, Robot
 from linked_fleet_gateway.base.errors import Busy, Conflict, MotionRefused
 from linked_fleet_gateway.extensions.navigation import floor
 from linked_fleet_gateway.extensions.navigation.messages import Way
-from linked_fleet_gateway.extensions.navigation.trips import Around, Ended, UnplannedError
+from linked_fleet_gateway.extensions.navigation.trips import Around, DriveError, Ended, UnplannedError
 from linked_fleet_gateway.extensions.world.collisions import Unchecked
 from linked_fleet_gateway.extensions.world.path_watch import AHEAD
 from linked_fleet_gateway.extensions.world.service import World
@@ -43,6 +44,8 @@ class DrivenBase:
         return self._sees.includes(name)
 
     async def around(self) -> Around:
+        if not self._robot.online:
+            raise DriveError(f"{self.name} is offline")
         try:
             return await floor.around(self._world, self._robot, self._sees, self._is_lateral)
         except (Busy, Unchecked) as error:
@@ -106,7 +109,7 @@ def ended(run: Invocation) -> Ended:
     if run.reason.startswith(AHEAD):
         return Ended(blocked=run.reason)
     why = run.reason or f"it {run.state}"
-    if run.state is InvocationState.FAILED and run.started_ns is not None:
+    if run.state is InvocationState.FAILED and run.reason.startswith((OFF_PATH, NOT_MOVED)):
         return Ended(lost=f"the base has not followed its way: {why}")
     if run.preempted_by:
         why = "another motion has taken over the base"

@@ -178,6 +178,8 @@ class DriveTo:
             raise Unreachable(_sentence(error), blockers) from error
         except UnplannedError as error:
             raise Busy(_sentence(error)) from error
+        except DriveError as error:
+            raise DriveFailed(_sentence(error)) from error
 
     async def _end_earlier(self, robot: Robot, call: Call) -> None:
         for one in drives_of(self._core, robot.name):

@@ -72,7 +72,9 @@ class Base(Protocol):
         """Return True if whoever drives it may know of a robot."""
 
     async def around(self) -> Around:
-        """Return what is around it. Raises UnplannedError if that is unknown now, and errors of the gateway."""
+        """Return what is around it. Raises UnplannedError if that is unknown now, DriveError if it cannot drive any
+        more, and errors of the gateway.
+        """
 
     async def follow(self, way: Way) -> Ended:
         """Drive along a way, until the base stands."""
