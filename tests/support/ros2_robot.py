@@ -10,7 +10,7 @@ import struct
 import sys
 import threading
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Self
 
 import numpy as np
@@ -59,14 +59,21 @@ def text(content: str) -> bytes:
 
 
 class RosRobot:
-    """Listens at ``endpoint`` like a ROS router; ``rest``: its initial positions.
+    """Listens at ``endpoint`` like a ROS router, and has ``positions`` at first.
 
     One controller has all joints that mimic no other, and by default rejects a trajectory that lacks one of them.
     """
 
-    def __init__(self, endpoint: str, domain: int = 0, urdf: str | None = URDF, namespace: str = "") -> None:
+    def __init__(
+        self,
+        endpoint: str,
+        domain: int = 0,
+        urdf: str | None = URDF,
+        namespace: str = "",
+        positions: Mapping[str, float] | None = None,
+    ) -> None:
         self.endpoint, self._urdf, self._prefix = endpoint, urdf, f"{domain}{namespace}/"
-        self.positions = {"pan": 0.25, "lift": 0.1, "grip": 0.5}
+        self.positions = dict(positions or {"pan": 0.25, "lift": 0.1, "grip": 0.5})
         self.heard: list[Any] = []
         self.refused = 0
         self._from, self._to, self._begun_s, self._lasts_s = {}, dict(self.positions), 0.0, 0.0
@@ -83,17 +90,17 @@ class RosRobot:
         }.items():
             config.insert_json5(key, json.dumps(value))
         self.session = zenoh.open(config)
-        self._states = self.session.declare_publisher(self._prefix + "joint_states/" + STATE)
+        self._states = self.session.declare_publisher(self._key("joint_states", STATE))
         self._description = ext.declare_advanced_publisher(
             self.session,
-            self._prefix + "robot_description/" + STRING,
+            self._key("robot_description", STRING),
             cache=ext.CacheConfig(1),
             publisher_detection=True,
         )
         if self._urdf is not None:
             self._description.put(text(self._urdf), attachment=self._attached())
         self._controller = self.session.declare_subscriber(
-            self._prefix + "joint_trajectory_controller/joint_trajectory/" + TRAJECTORY, self._obey
+            self._key("joint_trajectory_controller/joint_trajectory", TRAJECTORY), self._obey
         )
         self._thread = threading.Thread(target=self._live)
         self._thread.start()
@@ -127,11 +134,17 @@ class RosRobot:
         found = self.session.liveliness().get("@ros2_lv/**")
         return sorted(str(reply.ok.key_expr) for reply in found if reply.ok is not None)
 
+    def _key(self, name: str, type_and_hash: str) -> str:
+        return f"{self._prefix}{name}/{type_and_hash}"
+
     def _live(self) -> None:
-        while not self._ended.wait(PERIOD_S):
+        due_s = time.monotonic()
+        while not self._ended.wait(max(0.0, due_s - time.monotonic())):
+            due_s += PERIOD_S
             with self._lock:
                 self._move(time.monotonic())
-                at = {**self.positions, "thumb_grip": self.positions["grip"]}
+                follower = {"thumb_grip": self.positions["grip"]} if "grip" in self.positions else {}
+                at = {**self.positions, **follower}
             self.say(joint_state(list(at), list(at.values()), [0.0] * len(at), stamp_ns=time.time_ns()))
 
     def _move(self, now_s: float) -> None:
@@ -158,6 +171,18 @@ class RosRobot:
     def _attached(self) -> bytes:
         self._sequence += 1
         return struct.pack("<qqB", self._sequence, time.time_ns(), 16) + bytes(range(16))
+
+
+class BridgedRobot(RosRobot):
+    """The same robot behind zenoh-bridge-ros2dds: keys are names, and a token says that the bridge is there."""
+
+    def __enter__(self) -> Self:
+        super().__enter__()
+        self._token = self.session.liveliness().declare_token(f"@/{self.session.info.zid()}/@ros2_lv")
+        return self
+
+    def _key(self, name: str, type_and_hash: str) -> str:
+        return name
 
 
 if __name__ == "__main__":

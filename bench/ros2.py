@@ -1,0 +1,95 @@
+"""Robots of ROS 2: what an agent costs with twenty joints at 100 Hz by transport, and how fast a goal is accepted.
+
+The costs are those of agents whose robot is a stand-in with the keys and tokens of the transport. Goals go to the real
+robot of hiroz (``make ros-peers``), beside bare queries of Zenoh with the same bytes.
+"""
+
+import asyncio
+import statistics
+import tempfile
+import time
+import uuid
+from collections.abc import Callable
+from contextlib import ExitStack, closing
+from pathlib import Path
+
+from bench.scene import pid_of, process_cpu_s
+from bench.table import Row, UnavailableError, bounded, within
+from linked_fleet_agent.robots.ros2.goals import ActionClient
+from linked_fleet_agent.robots.ros2.graph import Interface
+from linked_fleet_agent.robots.ros2.session import RosSession
+from linked_fleet_agent.robots.ros2.types import MessageTypes
+from ros2_robot import BridgedRobot, RosRobot
+from ros_peers import HIROZ_ROBOT, on_rmw_zenoh
+from running import eventually, free_port, process
+from small_fleet import Place, live
+
+JOINTS, GOALS = 20, 200
+MOST_PERCENT, MOST_TIMES = 5.0, 3.0
+NAVIGATE = "nav2_msgs/action/NavigateToPose"
+
+
+def rows(seconds: float) -> list[Row]:
+    """Return the share of a core of an agent by transport, and the medians of goals."""
+    costs = [_cost(scheme, robot, seconds) for scheme, robot in (("ros2:", RosRobot), ("ros2dds:", BridgedRobot))]
+    return [*costs, *_goals()]
+
+
+def urdf(joints: int) -> str:
+    """Return a chain of revolute joints."""
+    links = "".join(f'<link name="l{each}"/>' for each in range(joints + 1))
+    chain = "".join(
+        f'<joint name="j{each}" type="revolute"><parent link="l{each}"/><child link="l{each + 1}"/>'
+        '<axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="5"/></joint>'
+        for each in range(joints)
+    )
+    return f'<robot name="Chain">{links}{chain}</robot>'
+
+
+def _cost(scheme: str, robot: Callable[..., RosRobot], seconds: float) -> Row:
+    with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
+        place = Place(Path(folder))
+        at = f"tcp/127.0.0.1:{free_port()}"
+        stack.enter_context(robot(at, urdf=urdf(JOINTS), positions={f"j{each}": 0.1 for each in range(JOINTS)}))
+        _, browser = stack.enter_context(place.gateway())
+        agent = stack.enter_context(
+            process("-m", "linked_fleet_agent", f"--robot=r={scheme}{at}", "--connect", place.zenoh)
+        )
+        live(browser, "r")
+        before_s, began_s = process_cpu_s(pid_of(agent)), time.monotonic()
+        time.sleep(max(seconds, 5.0))
+        percent = 100.0 * (process_cpu_s(pid_of(agent)) - before_s) / (time.monotonic() - began_s)
+    return bounded(f"agent of {JOINTS} joints at 100 Hz, {scheme}", "% of a core", percent, MOST_PERCENT)
+
+
+def _goals() -> list[Row]:
+    if not HIROZ_ROBOT.exists():
+        raise UnavailableError("the robot of hiroz is not built: make ros-peers")
+    with on_rmw_zenoh() as where:
+        types = MessageTypes()
+        with closing(RosSession(where, 0, "bench", types.hash_of)) as session:
+            client = eventually(lambda: _client(session, types), "the action of the robot")
+            goal_ms, bare_ms = asyncio.run(_timed(session, client))
+    return [within("goal accepted, p50", goal_ms, "bare query, p50", bare_ms, MOST_TIMES)]
+
+
+def _client(session: RosSession, types: MessageTypes) -> ActionClient | None:
+    client = ActionClient(session, types, "/navigate_to_pose", NAVIGATE)
+    return client if client.is_available else None
+
+
+async def _timed(session: RosSession, client: ActionClient) -> tuple[float, float]:
+    """Return the medians in ms of goals by the client, and of the same requests as bare calls of the session."""
+    service = Interface(f"{client.name}/_action/send_goal", f"{NAVIGATE}_SendGoal")
+    goals, bare = list[float](), list[float]()
+    for each in range(GOALS):
+        goal = {"pose": {"header": {"frame_id": "map"}, "pose": {"position": {"x": float(each % 5)}}}}
+        began_s = time.perf_counter()
+        await client.send(uuid.uuid4().bytes, goal)
+        goals.append(time.perf_counter() - began_s)
+        request = client.type.send_goal.request.write({"goal_id": {"uuid": uuid.uuid4().bytes}, "goal": goal})
+        began_s = time.perf_counter()
+        await session.call(service, request, 65_536)
+        bare.append(time.perf_counter() - began_s)
+        await client.cancel_all()
+    return 1e3 * statistics.median(goals), 1e3 * statistics.median(bare)
