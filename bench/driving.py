@@ -208,6 +208,10 @@ def _url(place: Place, driven: Driven) -> str:
     return f"{place.root}robot/{driven.action}"
 
 
+def _rehearses(url: str, driven: Driven) -> bool:
+    return httpx.post(url, json=driven.input_of(SPEED), headers={"prefer": "dry-run"}).status_code == 200
+
+
 def _put_placement(place: Place) -> None:
     url = f"{place.root}robot/placement"
     httpx.put(url, content=PLACEMENT, headers={"content-type": "text/turtle"}).raise_for_status()
@@ -240,6 +244,7 @@ class _Stick:
 
 def _drive(place: Place, agent: "subprocess.Popen[str]", driven: Driven, seconds: float) -> list[float]:
     """Send samples at a rate, and return the times that those took which were applied."""
+    eventually(lambda: _rehearses(_url(place, driven), driven), "the shapes of the robot")
     with connect(_url(place, driven).replace("http", "ws", 1), subprotocols=["lf.drive"]) as socket:  # type: ignore[list-item]
         stick = _Stick(socket, driven)
         eventually(stick.follows, "the robot that follows")

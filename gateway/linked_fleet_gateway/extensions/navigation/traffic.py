@@ -10,6 +10,7 @@ import asyncio
 from collections.abc import Awaitable, Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from zlib import crc32
 
 from msgspec import structs
 
@@ -112,7 +113,7 @@ class Traffic:
             if ended.failed or times_lost > _MOST_LOST or clock.time() - begun_s > PATIENCE_S:
                 raise DriveError(why)
             trip.report(ended.blocked or why)
-            await self._wait(trip)
+            await self._pause(trip)
 
     async def _drive(self, trip: Trip, around: Around, way: Way) -> Ended:
         trip.way = _floor(around, way)
@@ -266,7 +267,7 @@ class Traffic:
         if ended.failed:
             raise DriveError(ended.failed)
         if not ended.arrived:
-            await self._wait(trip)
+            await self._pause(trip)
         return ended
 
     async def _around(self, trip: Trip) -> Around:
@@ -315,6 +316,15 @@ class Traffic:
         with suppress(TimeoutError):
             async with asyncio.timeout(LOOK_S):
                 await changed.wait()
+        self._hear()
+
+    async def _pause(self, trip: Trip) -> None:
+        """Wait before another attempt; each base for another time, lest two of them refuse each other again."""
+        await self._others.tell(trip)
+        await asyncio.sleep(LOOK_S * (1.0 + crc32(trip.name.encode()) % 16 / 16))
+        self._hear()
+
+    def _hear(self) -> None:
         for asked, asker, ask in self._others.hear(self._trips):
             self._take(asked, asker, ask)
 

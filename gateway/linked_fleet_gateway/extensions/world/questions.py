@@ -5,7 +5,7 @@ cubics of Fritsch and Carlson, like the agent. Joints that another motion moves 
 position and their target. They are checked at both ends, and moving in parallel with this motion.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
 
 from msgspec.structs import replace
@@ -26,7 +26,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     Positions,
     Survey,
 )
-from linked_fleet_gateway.extensions.world.other_motions import MOST_CONFIGURATIONS, paths_along
+from linked_fleet_gateway.extensions.world.other_motions import MOST_CONFIGURATIONS, paths_along, thinned
 from linked_fleet_gateway.extensions.world.placement import accepts_unchecked, pose_in_world
 from linked_fleet_gateway.extensions.world.plane import AT_REST, legs_of
 from linked_fleet_gateway.extensions.world.process import Preparation, key_of
@@ -112,7 +112,17 @@ class Questions:
                 f"It is unknown if {robot.name} would collide, because the place of {missing[0]} is unknown."
             )
         paths = paths_of(moved, start, self._underway(robot, own))
-        return self._checking(robot, paths, robots, sees)
+        return self._checking(robot, (*paths, *self._on_its_path(robot, moved, start, own)), robots, sees)
+
+    def _on_its_path(self, robot: Robot, motion: Move | Follow, start: Positions, own: str) -> Iterator[MotionPath]:
+        """Yield the rest of the path that the base follows, with its other joints before, in and after a motion."""
+        here, path = odometry_of(robot), self._driving.path_of(robot)
+        if here is None or path is None:
+            return
+        *between, end = _legs(motion, start)
+        for way in path.ways(here):
+            yield from paths_along(legs_of(way), start, self._underway(robot, own) | end.ends)
+            yield from (MotionPath(start | each.ends, legs_of(way)) for each in thinned(between))
 
     def followed(
         self,

@@ -11,6 +11,7 @@ import pytest
 from msgspec import json
 
 from linked_fleet_agent.planar import Pose
+from linked_fleet_gateway.api import RedisUnavailable
 from linked_fleet_gateway.extensions.navigation import floor_grid
 from linked_fleet_gateway.extensions.navigation.messages import Answer, Obstacle, PlanWay, Polygon, ToPose, Way
 from linked_fleet_gateway.extensions.navigation.other_gateways import Notice
@@ -238,3 +239,18 @@ async def test_a_drive_takes_the_way_that_was_planned_before_unless_something_ha
     floor.walls.append(Obstacle("/wall", (box(1.0, 0.0, 0.3),)))
     await roads.run(back)
     assert (len(asked), cart.pose.x) == (3, pytest.approx(0.0, abs=1e-6))
+
+
+class Away(Board):
+    """A shared table while Redis is away."""
+
+    async def change(self, id: str, record: Notice | None) -> bool:
+        raise RedisUnavailable("Redis does not answer.")
+
+
+async def test_drives_go_on_while_gateways_cannot_tell_each_other() -> None:
+    floor, (one, other) = Floor(()), (Away([]).roads, Away([]).roads)
+    carts = [Cart(floor, "/one", Pose()), Cart(floor, "/other", Pose(0.0, 3.0, 0.0))]
+    async with asyncio.timeout(MOST_S):
+        await asyncio.gather(one.run(trip(carts[0], Pose(3.0))), other.run(trip(carts[1], Pose(3.0, 3.0), 1)))
+    assert [each.pose.x for each in carts] == pytest.approx([3.0, 3.0])

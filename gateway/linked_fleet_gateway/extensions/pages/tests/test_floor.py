@@ -1,5 +1,6 @@
 """The floor from above, on a desktop and on a phone: loaded by a form, read without seeing it, and followed."""
 
+import math
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -12,9 +13,11 @@ from commanding import PREFIXES, TURTLE
 from floor_maps import FREE, UNKNOWN, WALL, pgm, yaml
 from page_user import PageUser
 from running import ROOT, eventually, process
+from scene_client import put_robot
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
+JSON = {"accept": "application/json"}
 ROWS = [[WALL] * 6, *([[WALL, FREE, FREE, FREE, UNKNOWN, UNKNOWN]] * 4)]
 CRATE = f"""{PREFIXES}
 <> a lf:Obstacle ; dcterms:title "crate" ; lf:position [ maths:x 1 ; maths:y 0.5 ; maths:z 0.3 ; vom:unit unit:M ] ;
@@ -70,6 +73,23 @@ def test_a_map_is_loaded_and_robots_are_followed_on_it(operator: PageUser, clien
     eventually(lambda: rows()[0] == "cart base 0.50 m, -1.00 m -45°", "the cart elsewhere")
     assert page.locator("#floor svg a g").get_attribute("transform").startswith("translate(0.5 1) rotate(45")
     operator.forgive("422")
+
+
+def test_charging_stations_stand_where_their_base_would(operator: PageUser, tmp_path: Path) -> None:
+    page, place = operator.page, Place(tmp_path)
+    agent = ("-m", "linked_fleet_agent", "--robot=pmb2", "--connect", place.zenoh)
+    with place.gateway() as (_, client), process(*agent):
+        live(client, "pmb2")
+        put_robot(client, "pmb2", 2.0, 1.0, 0.0, math.pi / 2)
+        page.goto(client.root + "world/map")
+        row = page.locator("#floor tbody tr").filter(has_text="charging station of pmb2").first
+        expect(row).to_be_visible()
+        base = eventually(lambda: client.http.get(f"{client.root}pmb2/mobile_base", headers=JSON).json(), "the base")
+        station = base["stations"][0]
+        x, y = 2.0 - station["y"], 1.0 + station["x"]
+        expect(row).to_contain_text(f"{x:.2f} m, {y:.2f} m")
+        assert page.locator("#floor svg polygon.station").count() == len(base["stations"])
+        page.goto('data:text/html,<meta name="viewport" content="width=device-width">')  # before the gateway ends
 
 
 def test_nobody_is_shut_out_and_nothing_scrolls_sideways(operator: PageUser, client: Browser) -> None:

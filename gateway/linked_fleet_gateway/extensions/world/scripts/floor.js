@@ -119,7 +119,7 @@ class Floor {
     const { width = 0, height = 0, pose } = this.map ?? {};
     const corners = pose ? placed([[0, 0], [width, 0], [width, height], [0, height]], pose) : [];
     const things = this.objects.flatMap(({ corners: own, pose: at }) => own ?? (at ? [at.position] : []));
-    const points = [...corners, ...things, ...robots.flatMap((each) => each.outline() ?? [])];
+    const points = [...corners, ...things, ...robots.flatMap((each) => each.outline())];
     if (this.fitted && points.every((each) => this.shows(each))) return;
     const [xs, ys] = [0, 1].map((axis) => (points.length ? points.map((each) => each[axis]) : EMPTY));
     const [left, low] = [Math.min(...xs) - MARGIN_M, Math.min(...ys) - MARGIN_M];
@@ -148,7 +148,7 @@ class Floor {
     const said = `${this.map ? `Map ${this.map.title}` : "No map of the floor"}, ${count(robots.length, "robot")}, ${count(this.objects.length, "object")}`;
     const caption = this.section.querySelector("#floor-said");
     if (caption.textContent !== said) caption.textContent = said;
-    const rows = [...robots.map((each) => each.row()), ...this.objects.map(rowOf)];
+    const rows = [...robots.flatMap((each) => each.rows()), ...this.objects.map(rowOf)];
     const text = JSON.stringify(rows);
     if (text === this.told) return;
     this.told = text;

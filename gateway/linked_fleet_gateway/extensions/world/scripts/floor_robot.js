@@ -4,7 +4,7 @@ import { parse } from "../../pages/scripts/src/ntriples.js";
 import { poseOf } from "../../pages/scripts/src/pose_of.js";
 import { watch } from "../../pages/scripts/src/socket.js";
 import { lf, localName, RDF_TYPE } from "../../pages/scripts/src/vocabulary.js";
-import { compose, footprint, heading, placed } from "./floor_shapes.js";
+import { compose, footprint, heading, placed, stations } from "./floor_shapes.js";
 import { at, draw, label, polygon, words } from "./floor_svg.js";
 
 const INTERVAL_S = 0.2;
@@ -30,16 +30,19 @@ export class Robot {
     this.base = undefined;
     /** @type {number[][]|undefined} of the footprint, in the frame of the base */
     this.corners = undefined;
+    /** @type {import("./floor_shapes.js").Station[]} in the odometry frame */
+    this.stations = [];
     this.ended = false;
     this.placement = poseOf(graph, placement);
     this.ends = [watch(placement, {}, (news) => this.take({ placement: poseOf(news, placement) }))];
     if (base) {
       this.ends.push(watch(base, { interval: INTERVAL_S }, (news) => this.take({ base: poseOf(news, base) })));
-      this.findFootprint().catch((error) => console.debug(`the footprint of ${this.name} is unknown:`, error));
+      this.findBase().catch((error) => console.debug(`the footprint of ${this.name} is unknown:`, error));
     }
   }
 
-  async findFootprint() {
+  /** Follow the footprint of the base, and its charging stations. */
+  async findBase() {
     const answer = await fetch(this.iri, { headers: { Accept: "application/n-triples" } });
     if (!answer.ok) return;
     const graph = parse(await answer.text());
@@ -47,8 +50,13 @@ export class Robot {
     if (!part || this.ended) return;
     const property = await fetch(part, { headers: { Accept: "application/n-triples" } });
     const about = property.ok ? parse(await property.text()) : undefined;
-    const iri = about?.value(part, lf("footprint"))?.value;
-    if (iri && !this.ended) this.ends.push(watch(iri, { interval: 1 }, (news) => this.take({ corners: footprint(news, iri) })));
+    const [outline, docks] = ["footprint", "stations"].map((name) => about?.value(part, lf(name))?.value);
+    if (outline) this.follow(outline, (news) => ({ corners: footprint(news, outline) }));
+    if (docks) this.follow(docks, (news) => ({ stations: stations(news, docks) }));
+  }
+
+  follow(iri, read) {
+    if (!this.ended) this.ends.push(watch(iri, { interval: 1 }, (news) => this.take(read(news))));
   }
 
   take(news) {
@@ -67,15 +75,22 @@ export class Robot {
     return this.floats ? compose(this.placement, this.base) : this.placement;
   }
 
+  /** @returns {number[][]} corners of all that is drawn of it */
   outline() {
-    const pose = this.pose();
-    return pose && placed(this.corners ?? SYMBOL, pose);
+    return [this.pose(), ...this.charging().map(({ pose }) => pose)].flatMap((pose) => (pose ? placed(this.corners ?? SYMBOL, pose) : []));
+  }
+
+  /** @returns {import("./floor_shapes.js").Station[]} its stations, in the world */
+  charging() {
+    const frame = this.placement;
+    return frame ? this.stations.map(({ name, pose }) => ({ name, pose: compose(frame, pose) })) : [];
   }
 
   /** @param {number} scale metres of a pixel */
   draw(scale) {
     const pose = this.pose();
-    if (!pose) return [];
+    const charging = this.charging().flatMap((each) => [polygon(placed(this.corners ?? SYMBOL, each.pose), "station"), label(each.name, each.pose.position, scale)]);
+    if (!pose) return charging;
     const front = Math.max(SYMBOL_M, ...(this.corners ?? []).map(([forward]) => forward));
     const tip = Math.max(front, LEAST_PX * scale);
     const group = at(pose.position, heading(pose));
@@ -83,15 +98,22 @@ export class Robot {
     group.append(polygon([[1.4 * tip, 0], [0.6 * tip, 0.35 * tip], [0.6 * tip, -0.35 * tip]], "heading"));
     const link = draw("a", { href: this.iri, class: "robot" });
     link.append(group, label(this.name, pose.position, scale));
-    return [link];
+    return [...charging, link];
   }
 
-  /** @returns {string[]} its row in the table: name, address, what it is, place, heading */
+  /** @returns {string[][]} rows of the table: name, address, what it is, place, heading */
+  rows() {
+    return [this.row(), ...this.charging().map(({ name, pose }) => [name, this.iri, `charging station of ${this.name}`, words(pose.position), degrees(pose)])];
+  }
+
   row() {
     const pose = this.pose();
     const what = !this.floats ? "fixed" : this.corners ? "base" : "base, footprint unknown";
     if (!pose) return [this.name, this.iri, what, "place unknown", ""];
-    const degrees = Math.round((heading(pose) * 180) / Math.PI);
-    return [this.name, this.iri, what, words(pose.position), `${degrees || 0}°`];
+    return [this.name, this.iri, what, words(pose.position), degrees(pose)];
   }
+}
+
+function degrees(pose) {
+  return `${Math.round((heading(pose) * 180) / Math.PI) || 0}°`;
 }

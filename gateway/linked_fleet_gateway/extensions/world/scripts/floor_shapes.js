@@ -92,18 +92,43 @@ function turn([a, b], [c, d], [e, f]) {
   return (c - a) * (f - b) - (d - b) * (e - a);
 }
 
+/** @typedef {{name: string, pose: Pose}} Station */
+
 /**
  * @param {import("../../pages/scripts/src/ntriples.js").Graph} graph
  * @param {string} iri of the property `footprint` of a base
  * @returns {number[][]|undefined} its corners in the frame of the base
  */
 export function footprint(graph, iri) {
-  const scalar = (node, name) => length(graph, graph.value(node, lf(name)), NUMERICAL_VALUE);
-  const corners = [];
+  const corners = items(graph, iri).map((item) => ["x", "y"].map((name) => scalar(graph, item, name)));
+  return corners.length > 2 && corners.flat().every(Number.isFinite) ? corners : undefined;
+}
+
+/**
+ * @param {import("../../pages/scripts/src/ntriples.js").Graph} graph
+ * @param {string} iri of the property `stations` of a base
+ * @returns {Station[]} where the base stands when it is docked, in its odometry frame
+ */
+export function stations(graph, iri) {
+  const found = items(graph, iri).map((item) => {
+    const [x, y, turn] = ["x", "y", "heading"].map((name) => scalar(graph, item, name));
+    const pose = { position: [x, y, 0], orientation: [0, 0, Math.sin(turn / 2), Math.cos(turn / 2)] };
+    return { name: graph.value(item, lf("stationName"))?.value ?? "", pose };
+  });
+  return found.filter(({ pose }) => [...pose.position, ...pose.orientation].every(Number.isFinite));
+}
+
+/** Return the keys of the items of a list that is the value of a property. */
+function items(graph, iri) {
+  const found = [];
   for (let list = graph.value(iri, lf("value")); list && list.value !== NIL; list = graph.value(key(list), REST)) {
     const item = graph.value(key(list), FIRST);
-    if (!item) return undefined;
-    corners.push([scalar(key(item), "x"), scalar(key(item), "y")]);
+    if (!item) return [];
+    found.push(key(item));
   }
-  return corners.length > 2 && corners.flat().every(Number.isFinite) ? corners : undefined;
+  return found;
+}
+
+function scalar(graph, node, name) {
+  return length(graph, graph.value(node, lf(name)), NUMERICAL_VALUE);
 }
