@@ -1,6 +1,7 @@
 """Real programs of ROS 2, which ``make ros-peers`` builds: see tests/agents/ros2/peers/README.md."""
 
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
@@ -11,6 +12,7 @@ SOURCES = ROOT / "tests/agents/ros2/peers"
 BUILT = ROOT / "build/ros-peers"
 PYTHON, BRIDGE, HIROZ_ROBOT = BUILT / "python/bin/python", BUILT / "bin/bridge", BUILT / "bin/hiroz_robot"
 URDF = SOURCES / "arm.urdf"
+_DISCOVERY_S, _MOST_STARTS = 10.0, 4
 # Cyclone DDS as the bridge configures it for the same range of discovery: this machine, without multicast.
 _CYCLONE = """<CycloneDDS><Domain><General><AllowMulticast>false</AllowMulticast></General><Discovery>
 <ParticipantIndex>auto</ParticipantIndex><MaxAutoParticipantIndex>32</MaxAutoParticipantIndex>
@@ -44,16 +46,42 @@ def peer(program: Path, *arguments: str, environment: dict[str, str] | None = No
         child.stop()
 
 
+def found_within(seconds: float, probe: Callable[[], bool]) -> bool:
+    """Return True as soon as ``probe`` does, or False after so many seconds."""
+    deadline = time.monotonic() + seconds
+    while not probe() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    return probe()
+
+
+def _finds_the_robot(child: Process) -> Callable[[], bool]:
+    return lambda: "Route Publisher (ROS:/diagnostics ->" in child.output
+
+
 def rclpy_robot(domain: int, pause_s: float = 0.1) -> AbstractContextManager[Process]:
     """Run the robot of rclpy; ``pause_s`` is between two numbers of its action."""
     environment = ros_environment(domain) | {"CYCLONEDDS_URI": _CYCLONE}
     return peer(PYTHON, str(SOURCES / "rclpy_robot.py"), str(pause_s), str(URDF), environment=environment)
 
 
-def bridge(where: str, domain: int, options: str = "") -> AbstractContextManager[Process]:
-    """Run the bridge, which listens at ``where``; ``options`` as in ``namespace: "/arm", ``."""
+@contextmanager
+def bridge(where: str, domain: int, options: str = "") -> Iterator[Process]:
+    """Run the bridge, which listens at ``where``, and wait until it has found the robot of rclpy.
+
+    ``options`` as in ``namespace: "/arm", ``. About one bridge in twenty-five never gets what Fast DDS tells of nodes
+    (``ros_discovery_info``), and is started again.
+    """
     plugin = f'{{{options}domain: {domain}, ros_automatic_discovery_range: "LOCALHOST"}}'
-    return peer(BRIDGE, where, plugin, environment=ros_environment(domain))
+    environment = ros_environment(domain) | {"RUST_LOG": "zenoh_plugin_ros2dds=info"}
+    with ExitStack() as stack:
+        for _ in range(_MOST_STARTS):
+            attempt = stack.enter_context(ExitStack())
+            child = attempt.enter_context(peer(BRIDGE, where, plugin, environment=environment))
+            if found_within(_DISCOVERY_S, _finds_the_robot(child)):
+                yield child
+                return
+            attempt.close()
+        raise AssertionError("no bridge found the robot of rclpy")
 
 
 def hiroz_robot(router: str, pause_s: float = 0.1) -> AbstractContextManager[Process]:
