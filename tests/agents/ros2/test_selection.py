@@ -72,6 +72,9 @@ def test_a_topic_that_others_only_read_has_the_type_that_they_read() -> None:
         (offer("publisher", "/map", "nav_msgs/msg/OccupancyGrid"), None),
         (offer("service", "/node/set_parameters", "rcl_interfaces/srv/SetParameters"), None),
         (offer("service", "/node/get_type_description", "type_description_interfaces/srv/GetTypeDescription"), None),
+        (offer("service", "/to/_action/send_goal", "nav2_msgs/action/NavigateToPose_SendGoal"), None),
+        (offer("service", "/arm/x/_action/send_goal", "control_msgs/action/FollowJointTrajectory_SendGoal"), None),
+        (offer("service", "/controller_manager/switch", "controller_manager_msgs/srv/SwitchController"), None),
         (offer("publisher", "/secret/key"), None),
     ],
 )
