@@ -140,10 +140,10 @@ async def test_a_latched_topic_is_known_as_long_as_its_publisher_is_there(
     graph.publish("/mode", "std_msgs/msg/String", {"data": "automatic"}, latched=True)
     client = Client(await exposed(graph, configured('[[property]]\ntopic = "/mode"')))
     await client.run(30.0)
-    assert client.values("root") == {"mode": b'"automatic"'}
+    assert client.values("ros") == {"mode": b'"automatic"'}
     graph.leave("/mode")
     await client.run(6.0)
-    assert client.values("root") == {"mode": b"null"}
+    assert client.values("ros") == {"mode": b"null"}
 
 
 async def test_a_property_that_can_be_set_publishes_its_value(
@@ -182,7 +182,7 @@ async def test_messages_of_a_topic_are_events(graph: MemoryGraph, configured: Ca
     graph.publish(*bumper, {"name": "right"})
     graph.publish(*ping, {})
     await client.run()
-    assert client.events() == [("bumper.hit", b'"left"'), ("bumper.hit", b'"right"'), ("root.ping", b"")]
+    assert client.events() == [("bumper.hit", b'"left"'), ("bumper.hit", b'"right"'), ("ros.ping", b"")]
 
 
 async def test_a_flood_of_events_costs_its_topic_alone(
@@ -199,8 +199,8 @@ async def test_a_flood_of_events_costs_its_topic_alone(
             graph.publish(*ping, {})
         await client.run(0.01)
     names = [name for name, _ in client.events()]
-    assert names.count("root.ping") == 5
-    assert names.count("root.flood") <= 16 + 2 * 10 + 1
+    assert names.count("ros.ping") == 5
+    assert names.count("ros.flood") <= 16 + 2 * 10 + 1
     assert len([each for each in caplog.records if "/flood: dropped" in each.message]) <= 12
 
 
@@ -413,13 +413,13 @@ async def test_what_is_missing_is_said_and_comes_later(
     configuration = configured('[[property]]\ntopic = "/lamp/on"\n[[property]]\ntopic = "/mode"')
     graph.offer("publisher", "/mode", "std_msgs/msg/String")
     made = await exposed(graph, configuration)
-    assert [each.name for each in made.components] == ["root"]
+    assert [each.name for each in made.components] == ["ros"]
     assert made.findings == ["the topic /lamp/on is not there, and the configuration does not state its type"]
     assert not made.lacks(configuration, graph.offers())
     graph.offer("publisher", "/lamp/on", "std_msgs/msg/Bool")
     assert made.lacks(configuration, graph.offers())
     again = await exposed(graph, configuration)
-    assert [each.name for each in again.components] == ["lamp", "root"] and again.findings == []
+    assert [each.name for each in again.components] == ["lamp", "ros"] and again.findings == []
     graph.cut = True
     assert not again.lacks(configuration, graph.offers()), "what has left stays declared, and is unknown"
 
@@ -458,13 +458,13 @@ async def test_a_type_that_only_its_node_knows_is_described_by_it(
             "the driver has a component 'battery' itself",
         ),
         (
-            '[[property]]\ntopic = "/a"\ntype = "std_msgs/msg/Bool"\n[component.root]\nlink = "nose"',
+            '[[property]]\ntopic = "/a"\ntype = "std_msgs/msg/Bool"\n[component.ros]\nlink = "nose"',
             "its link 'nose' is none of the robot's",
         ),
         (
             '[[property]]\ntopic = "/a"\ntype = "std_msgs/msg/Bool"\n'
-            '[component.root]\nkind = "https://w3id.org/linked-fleet#Gripper"',
-            "component 'root' is left out",
+            '[component.ros]\nkind = "https://w3id.org/linked-fleet#Gripper"',
+            "component 'ros' is left out",
         ),
     ],
 )

@@ -58,7 +58,7 @@ class Client:
                 await asyncio.sleep(0.01)
 
     async def operate(self, id: str, action: str, given: object = None) -> Any:
-        self.bench.operate(id, action, given, component="root")
+        self.bench.operate(id, action, given, component="ros")
         await self.until(lambda: self.ended(id))
         return self.bench.end(id)
 
@@ -68,15 +68,15 @@ class Client:
     def value(self, name: str) -> bytes:
         found = b""
         for message in self.bench.link.values:
-            if "root" in message.components and name in message.components["root"].values:
-                found = bytes(message.components["root"].values[name])
+            if "ros" in message.components and name in message.components["ros"].values:
+                found = bytes(message.components["ros"].values[name])
         return found
 
 
 async def _use(where: str, bridged: bool) -> None:
     async with joined(where, bridged) as (graph, types):
         made = await expose(graph, types, read_configuration(None, expose=["/*"]))
-        root = next(each for each in made.components if each.name == "root")
+        root = next(each for each in made.components if each.name == "ros")
         said = root.declaration().said
         assert {"lamp", "battery_state"} <= said.properties.keys()
         assert {"set_lamp", "home", "fibonacci"} <= said.actions.keys()
@@ -95,7 +95,7 @@ async def _use(where: str, bridged: bool) -> None:
 
 
 async def _cancel(client: Client, id: str) -> None:
-    client.bench.operate(id, "fibonacci", {"order": 1000}, component="root")
+    client.bench.operate(id, "fibonacci", {"order": 1000}, component="ros")
     await client.until(lambda: any(each.id == id and each.feedback for each in client.bench.link.progress))
     client.bench.stop("s", command=id)
     await client.until(lambda: client.ended(id))
