@@ -417,6 +417,7 @@ async def test_what_is_missing_is_said_and_comes_later(
     assert made.findings == ["the topic /lamp/on is not there, and the configuration does not state its type"]
     assert not made.lacks(configuration, graph.offers())
     graph.offer("publisher", "/lamp/on", "std_msgs/msg/Bool")
+    assert not made.lacks(configuration, graph.offers()), "it may go again at once"
     assert made.lacks(configuration, graph.offers())
     again = await exposed(graph, configuration)
     assert [each.name for each in again.components] == ["lamp", "ros"] and again.findings == []

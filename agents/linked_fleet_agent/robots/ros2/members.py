@@ -67,6 +67,7 @@ class TopicProperty:
         self._inbox = Inbox(graph, entry.topic, type_, latched=self._latched, longest=MAX_TOPIC_BYTES, most=1)
         self._outlet = graph.outlet(Interface(entry.topic, type_.name)) if entry.write else None
         self._written: tuple[float, Any] = (-math.inf, None)
+        self._shown: tuple[float, Any] = (-math.inf, None)
         self._seen_s = -math.inf
         schema = self.view.schema
         self.said = wire.Property(
@@ -84,7 +85,11 @@ class TopicProperty:
         written_s, written = self._written
         if written_s > self._inbox.at_s and self._is_kept(now_s, written_s):
             return written
-        return self.view.value(message) if message and self._is_kept(now_s, self._inbox.at_s) else None
+        if not message or not self._is_kept(now_s, self._inbox.at_s):
+            return None
+        if self._inbox.at_s != self._shown[0]:
+            self._shown = self._inbox.at_s, self.view.value(message)
+        return self._shown[1]
 
     def _is_kept(self, now_s: float, at_s: float) -> bool:
         if self._latched and (self._outlet is not None or self._publishers.has(self._entry.topic)):
