@@ -204,6 +204,38 @@ async def test_a_flood_of_events_costs_its_topic_alone(
     assert len([each for each in caplog.records if "/flood: dropped" in each.message]) <= 12
 
 
+async def test_an_event_whose_data_are_too_long_or_unknown_has_none(
+    graph: MemoryGraph, configured: Callable[[str], Configuration], caplog: pytest.LogCaptureFixture
+) -> None:
+    lamp, number = ("/lamp", "test_msgs/msg/Lamp"), ("/number", "std_msgs/msg/Float32")
+    for each in (lamp, number):
+        graph.offer("publisher", *each)
+    client = Client(await exposed(graph, configured('[[event]]\ntopic = "/lamp"\n[[event]]\ntopic = "/number"')))
+    graph.publish(*lamp, {"name": "x" * 17_000})
+    graph.publish(*number, {"data": math.nan})
+    graph.publish(*number, {"data": 0.5})
+    await client.run()
+    assert client.events() == [("ros.lamp", b""), ("ros.number", b""), ("ros.number", b"0.5")]
+    assert "bytes; 16384 is the maximum" in caplog.text
+    assert "an event has no data: it is unknown" in caplog.text
+
+
+async def test_feedback_that_is_too_long_is_dropped_and_costs_few_lines(
+    graph: MemoryGraph, configured: Callable[[str], Configuration], caplog: pytest.LogCaptureFixture
+) -> None:
+    server = MemoryAction(graph, "/cell/count", FIBONACCI)
+    client = Client(await exposed(graph, configured('[[action]]\naction = "/cell/count"')))
+    await client.operate("cell", "count", {"order": 5})
+    await client.until(lambda: server.goals)
+    for _ in range(20):
+        server.tell(GOAL, sequence=[1_000_000_000] * 2000)
+        await client.run(0.1)
+    server.tell(GOAL, sequence=[7])
+    await client.run()
+    assert bytes(client.end().feedback) == b'{"sequence":[7]}'
+    assert 0 < len([each for each in caplog.records if "feedback is dropped" in each.message]) <= 5
+
+
 async def test_a_service_is_an_action_that_moves_nothing(
     graph: MemoryGraph, configured: Callable[[str], Configuration]
 ) -> None:
