@@ -42,7 +42,7 @@ action = "/arm/cell/fetch"
 moves = ["base"]
 """)
     assert read_configuration(file, "/arm") == Configuration(
-        properties=(PropertyEntry(topic="/arm/temperature", component="root", name="temperature"),),
+        properties=(PropertyEntry(topic="/arm/temperature", component="ros", name="temperature"),),
         events=(EventEntry(topic="/bumper/hit", component="bumper", name="hit"),),
         actions=(
             ActionEntry(service="/lights/set", component="lights", name="set"),
@@ -121,7 +121,7 @@ def test_without_a_file_there_are_patterns_alone() -> None:
         ("[[property]]\ntopic = '/t'\ntype = 'std_srvs/srv/Trigger'", "that of a topic is PACKAGE/msg/NAME"),
         (
             "[[property]]\ntopic = '/t'\n[[event]]\ntopic = '/t'",
-            "root has two members 't'; give one of them another 'name'",
+            "ros has two members 't'; give one of them another 'name'",
         ),
         ("[[action]]\nservice = '/t'\naction = '/t'", "[[action]] number 1 names service and action; one of topic,"),
         ("[[action]]\n", "[[action]] number 1 names nothing"),

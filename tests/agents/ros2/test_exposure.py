@@ -140,10 +140,10 @@ async def test_a_latched_topic_is_known_as_long_as_its_publisher_is_there(
     graph.publish("/mode", "std_msgs/msg/String", {"data": "automatic"}, latched=True)
     client = Client(await exposed(graph, configured('[[property]]\ntopic = "/mode"')))
     await client.run(30.0)
-    assert client.values("root") == {"mode": b'"automatic"'}
+    assert client.values("ros") == {"mode": b'"automatic"'}
     graph.leave("/mode")
     await client.run(6.0)
-    assert client.values("root") == {"mode": b"null"}
+    assert client.values("ros") == {"mode": b"null"}
 
 
 async def test_a_property_that_can_be_set_publishes_its_value(
@@ -182,7 +182,7 @@ async def test_messages_of_a_topic_are_events(graph: MemoryGraph, configured: Ca
     graph.publish(*bumper, {"name": "right"})
     graph.publish(*ping, {})
     await client.run()
-    assert client.events() == [("bumper.hit", b'"left"'), ("bumper.hit", b'"right"'), ("root.ping", b"")]
+    assert client.events() == [("bumper.hit", b'"left"'), ("bumper.hit", b'"right"'), ("ros.ping", b"")]
 
 
 async def test_a_flood_of_events_costs_its_topic_alone(
@@ -199,9 +199,41 @@ async def test_a_flood_of_events_costs_its_topic_alone(
             graph.publish(*ping, {})
         await client.run(0.01)
     names = [name for name, _ in client.events()]
-    assert names.count("root.ping") == 5
-    assert names.count("root.flood") <= 16 + 2 * 10 + 1
+    assert names.count("ros.ping") == 5
+    assert names.count("ros.flood") <= 16 + 2 * 10 + 1
     assert len([each for each in caplog.records if "/flood: dropped" in each.message]) <= 12
+
+
+async def test_an_event_whose_data_are_too_long_or_unknown_has_none(
+    graph: MemoryGraph, configured: Callable[[str], Configuration], caplog: pytest.LogCaptureFixture
+) -> None:
+    lamp, number = ("/lamp", "test_msgs/msg/Lamp"), ("/number", "std_msgs/msg/Float32")
+    for each in (lamp, number):
+        graph.offer("publisher", *each)
+    client = Client(await exposed(graph, configured('[[event]]\ntopic = "/lamp"\n[[event]]\ntopic = "/number"')))
+    graph.publish(*lamp, {"name": "x" * 17_000})
+    graph.publish(*number, {"data": math.nan})
+    graph.publish(*number, {"data": 0.5})
+    await client.run()
+    assert client.events() == [("ros.lamp", b""), ("ros.number", b""), ("ros.number", b"0.5")]
+    assert "bytes; 16384 is the maximum" in caplog.text
+    assert "an event has no data: it is unknown" in caplog.text
+
+
+async def test_feedback_that_is_too_long_is_dropped_and_costs_few_lines(
+    graph: MemoryGraph, configured: Callable[[str], Configuration], caplog: pytest.LogCaptureFixture
+) -> None:
+    server = MemoryAction(graph, "/cell/count", FIBONACCI)
+    client = Client(await exposed(graph, configured('[[action]]\naction = "/cell/count"')))
+    await client.operate("cell", "count", {"order": 5})
+    await client.until(lambda: server.goals)
+    for _ in range(20):
+        server.tell(GOAL, sequence=[1_000_000_000] * 2000)
+        await client.run(0.1)
+    server.tell(GOAL, sequence=[7])
+    await client.run()
+    assert bytes(client.end().feedback) == b'{"sequence":[7]}'
+    assert 0 < len([each for each in caplog.records if "feedback is dropped" in each.message]) <= 5
 
 
 async def test_a_service_is_an_action_that_moves_nothing(
@@ -413,13 +445,14 @@ async def test_what_is_missing_is_said_and_comes_later(
     configuration = configured('[[property]]\ntopic = "/lamp/on"\n[[property]]\ntopic = "/mode"')
     graph.offer("publisher", "/mode", "std_msgs/msg/String")
     made = await exposed(graph, configuration)
-    assert [each.name for each in made.components] == ["root"]
+    assert [each.name for each in made.components] == ["ros"]
     assert made.findings == ["the topic /lamp/on is not there, and the configuration does not state its type"]
     assert not made.lacks(configuration, graph.offers())
     graph.offer("publisher", "/lamp/on", "std_msgs/msg/Bool")
+    assert not made.lacks(configuration, graph.offers()), "it may go again at once"
     assert made.lacks(configuration, graph.offers())
     again = await exposed(graph, configuration)
-    assert [each.name for each in again.components] == ["lamp", "root"] and again.findings == []
+    assert [each.name for each in again.components] == ["lamp", "ros"] and again.findings == []
     graph.cut = True
     assert not again.lacks(configuration, graph.offers()), "what has left stays declared, and is unknown"
 
@@ -458,13 +491,13 @@ async def test_a_type_that_only_its_node_knows_is_described_by_it(
             "the driver has a component 'battery' itself",
         ),
         (
-            '[[property]]\ntopic = "/a"\ntype = "std_msgs/msg/Bool"\n[component.root]\nlink = "nose"',
+            '[[property]]\ntopic = "/a"\ntype = "std_msgs/msg/Bool"\n[component.ros]\nlink = "nose"',
             "its link 'nose' is none of the robot's",
         ),
         (
             '[[property]]\ntopic = "/a"\ntype = "std_msgs/msg/Bool"\n'
-            '[component.root]\nkind = "https://w3id.org/linked-fleet#Gripper"',
-            "component 'root' is left out",
+            '[component.ros]\nkind = "https://w3id.org/linked-fleet#Gripper"',
+            "component 'ros' is left out",
         ),
     ],
 )

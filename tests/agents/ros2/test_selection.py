@@ -37,15 +37,15 @@ def test_an_entry_gets_its_type_from_the_graph() -> None:
 
 
 def test_an_entry_that_nobody_offers_is_missing_unless_its_type_is_stated() -> None:
-    stated = PropertyEntry(topic="/a", component="root", name="a", type="std_msgs/msg/Bool")
-    unknown = ActionEntry(service="/b", component="root", name="b")
+    stated = PropertyEntry(topic="/a", component="ros", name="a", type="std_msgs/msg/Bool")
+    unknown = ActionEntry(service="/b", component="ros", name="b")
     selected, missing = select(Configuration(properties=(stated,), actions=(unknown,)), [])
     assert [each.entry for each in selected] == [stated] and selected[0].hashes == {}
     assert missing == ("the service /b is not there, and the configuration does not state its type",)
 
 
 def test_a_topic_that_others_only_read_has_the_type_that_they_read() -> None:
-    written = PropertyEntry(topic="/a", component="root", name="a", write=True)
+    written = PropertyEntry(topic="/a", component="ros", name="a", write=True)
     (only,) = select(Configuration(properties=(written,)), [offer("subscription", "/a", latched=True)]).selected
     assert only.entry.type == "std_msgs/msg/Bool" and not only.latched
 
@@ -55,7 +55,7 @@ def test_a_topic_that_others_only_read_has_the_type_that_they_read() -> None:
     [
         (offer("publisher", "/lamp/on"), ("lamp", "on")),
         (offer("publisher", "/arm/lamp/on"), ("lamp", "on")),
-        (offer("publisher", "/on"), ("root", "on")),
+        (offer("publisher", "/on"), ("ros", "on")),
         (offer("publisher", "/a/b/c"), ("a_b", "c")),
         (offer("service", "/lamp/toggle", "std_srvs/srv/Trigger"), ("lamp", "toggle")),
         (ACTION[0], ("cell", "fetch")),
@@ -72,6 +72,9 @@ def test_a_topic_that_others_only_read_has_the_type_that_they_read() -> None:
         (offer("publisher", "/map", "nav_msgs/msg/OccupancyGrid"), None),
         (offer("service", "/node/set_parameters", "rcl_interfaces/srv/SetParameters"), None),
         (offer("service", "/node/get_type_description", "type_description_interfaces/srv/GetTypeDescription"), None),
+        (offer("service", "/to/_action/send_goal", "nav2_msgs/action/NavigateToPose_SendGoal"), None),
+        (offer("service", "/arm/x/_action/send_goal", "control_msgs/action/FollowJointTrajectory_SendGoal"), None),
+        (offer("service", "/controller_manager/switch", "controller_manager_msgs/srv/SwitchController"), None),
         (offer("publisher", "/secret/key"), None),
     ],
 )

@@ -160,3 +160,96 @@ def test_a_message_without_fields_is_one_byte_as_in_ros() -> None:
     empty = TYPES.message("std_msgs/msg/Empty")
     assert empty.write({}) == b"\0\1\0\0\0"
     assert empty.read(b"\0\1\0\0\0\0\0\0") == {}
+
+
+KINDS = MessageTypes().describe(
+    {
+        "type_description": {
+            "type_name": "my_msgs/msg/Kinds",
+            "fields": [
+                {"name": name, "default_value": "",
+                 "type": {"type_id": number, "capacity": size, "string_capacity": text, "nested_type_name": ""}}
+                for name, number, size, text in (
+                    ("flag", 15, 0, 0), ("reals", 58, 2, 0), ("small", 2, 0, 0), ("halves", 52, 2, 0),
+                    ("flags", 63, 2, 0), ("big", 59, 1, 0), ("octets", 51, 3, 0), ("letters", 61, 1, 0),
+                    ("word", 21, 0, 4), ("few", 104, 2, 0), ("many", 159, 0, 0), ("bytes", 160, 0, 0),
+                    ("real", 11, 0, 0),
+                )
+            ],
+        },
+        "referenced_type_descriptions": [],
+    }
+)  # fmt: skip
+VALUE = {
+    "flag": True, "reals": [0.5, 1.0], "small": -1, "halves": [1, -2], "flags": [False, True], "big": [1.5],
+    "octets": b"\1\2\3", "letters": b"c", "word": "abcd", "few": [7], "many": [True], "bytes": b"xy", "real": -0.5,
+}  # fmt: skip
+WRITTEN = bytes.fromhex(
+    "00010000"
+    "01 000000 0000003f 0000803f"  # a bool, and floats aligned to 4
+    "ff 00 0100 feff"  # at 12: an int8, and int16 aligned to 2
+    "00 01 00000000"  # at 18: bools, and padding to 8
+    "000000000000f83f"  # at 24: a double
+    "010203 63"  # at 32: octets and a char
+    "05000000 6162636400 000000"  # at 36: four letters with their NUL, padded
+    "01000000 00000000 0700000000000000"  # at 48: one int64, aligned to 8
+    "01000000 01 000000"  # at 64: one bool, padded
+    "02000000 7879 0000"  # at 72: two bytes, padded to 80
+    "000000000000e0bf"
+)
+
+
+def test_every_kind_of_field_is_aligned_to_its_size() -> None:
+    assert KINDS.write(VALUE) == WRITTEN
+    assert KINDS.read(WRITTEN) == VALUE
+    assert KINDS.write({**VALUE, "octets": [1, 2, 3], "bytes": [120, 121]}) == WRITTEN
+
+
+def test_what_is_left_out_is_zero() -> None:
+    zero = KINDS.read(KINDS.write({}))
+    assert zero == {
+        "flag": False, "reals": [0.0, 0.0], "small": 0, "halves": [0, 0], "flags": [False, False], "big": [0.0],
+        "octets": bytes(3), "letters": b"\0", "word": "", "few": [], "many": [], "bytes": b"", "real": 0.0,
+    }  # fmt: skip
+    assert KINDS.origin.serializer.zero(KINDS.name) == zero
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "said"),
+    [
+        ("word", "abcde", "word: 5 bytes are too many; 4 is the maximum"),
+        ("few", [1, 2, 3], "few: 3 items are too many; 2 is the maximum"),
+        ("flags", [True], "flags: 1 items, where 2 are expected"),
+        ("flags", [True, 2], "flags: 2 is no bool"),
+        ("halves", [1, 40_000], "halves: [1, 40000] is no int16"),
+        ("octets", "abc", "octets: 'abc' is not an array"),
+        ("small", -129, "small: -129 is no int8"),
+    ],
+)
+def test_the_bounds_of_fields_are_kept(field: str, value: Any, said: str) -> None:
+    with pytest.raises(CdrError) as refused:
+        KINDS.write({**VALUE, field: value})
+    assert str(refused.value).startswith(said)
+
+
+@pytest.mark.parametrize(
+    ("at", "count", "said"),
+    [
+        (40, 6, "5 bytes are too many; 4 is the maximum"),
+        (52, 3, "3 items are too many; 2 is the maximum"),
+        (40, 2**32 - 1, "it ends early"),
+        (76, 2**31, "it ends early"),
+        (76, 13, "it ends early"),
+    ],
+)
+def test_counts_that_cannot_be_are_refused(at: int, count: int, said: str) -> None:
+    payload = bytearray(WRITTEN)
+    struct.pack_into("<I", payload, at, count)
+    with pytest.raises(CdrError, match=said):
+        KINDS.read(bytes(payload))
+
+
+def test_a_message_of_exactly_the_maximum_is_read() -> None:
+    assert KINDS.read(WRITTEN, len(WRITTEN)) == VALUE
+    with pytest.raises(CdrError, match="are too many"):
+        KINDS.read(WRITTEN, len(WRITTEN) - 1)

@@ -20,7 +20,7 @@ from linked_fleet_agent.wire.declaration import Duration, Rate
 from linked_fleet_agent.wire.schema import Iri, Prose, Title, Unit
 
 MAX_FILE_BYTES, MAX_ENTRIES, MAX_PATTERNS = 1_048_576, 256, 64
-ROOT_COMPONENT = "root"
+ROOT_COMPONENT = "ros"
 """The component of topics, services and actions that have no namespace."""
 
 _NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+\Z")

@@ -39,6 +39,7 @@ async def _described(
 ) -> Mapping[str, Any]:
     service = types.service(GET_TYPE_DESCRIPTION)
     request = service.request.write({"type_name": name, "type_hash": hash, "include_type_sources": False})
+    why = ""
     for node in nodes:
         try:
             async with asyncio.timeout(ANSWER_S):
@@ -48,9 +49,11 @@ async def _described(
             description: Mapping[str, Any] = answer["type_description"]
             if answer["successful"] and types.describe(description, hash).name == name:
                 return description
+            why = f"{node.name} answers: {answer['failure_reason'][:200] or 'it is not known'}"
         except (TimeoutError, CallError, CdrError, DefinitionError) as error:
-            _log.info("%s does not describe %s: %.200s", node.name, name, error or "no answer")
-    raise DefinitionError(f"the type {name} is not known, and none of {len(nodes)} nodes describes it")
+            why = f"{node.name}: {str(error)[:200] or 'no answer'}"
+        _log.info("%s is not described: %s", name, why)
+    raise DefinitionError(f"the type {name} is not known, and none of {len(nodes)} nodes describes it ({why})")
 
 
 def _shared(one: str, other: str) -> int:

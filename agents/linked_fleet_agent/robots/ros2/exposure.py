@@ -88,6 +88,7 @@ class Exposed:
     findings: list[str] = field(default_factory=list)
     goals: dict[str, ActionGoal] = field(default_factory=dict)
     _seen: frozenset[tuple[str, str, str]] = frozenset()
+    _new: frozenset[tuple[str, str, str]] = frozenset()
 
     @property
     def moving(self) -> list[ActionClient]:
@@ -95,8 +96,10 @@ class Exposed:
         return [each.client for each in self.goals.values() if each.task.declared.moves]
 
     def lacks(self, configuration: Configuration, offers: Collection[Offer], namespace: str = "") -> bool:
-        """Return True if something has come into the graph that would be exposed too."""
-        return any(each.key not in self._seen for each in select(configuration, offers, namespace).selected)
+        """Return True if something has come into the graph that would be exposed too, and was there the last time."""
+        new = {each.key for each in select(configuration, offers, namespace).selected} - self._seen
+        come, self._new = new & self._new, frozenset(new)
+        return bool(come)
 
 
 async def expose(

@@ -24,8 +24,8 @@ from linked_fleet_agent.robots.ros2.types import ActionType, MessageType, Servic
 from linked_fleet_agent.robots.ros2.units import Meaning, Meanings
 from linked_fleet_agent.robots.ros2.views import View
 from linked_fleet_agent.wire import declaration as wire
-from linked_fleet_agent.wire.components import MAX_EVENT_BYTES
-from linked_fleet_agent.wire.schema import Schema
+from linked_fleet_agent.wire.components import MAX_EVENT_BYTES, MAX_FEEDBACK_BYTES
+from linked_fleet_agent.wire.schema import Schema, value_problem
 
 _log = logging.getLogger(__name__)
 
@@ -67,6 +67,7 @@ class TopicProperty:
         self._inbox = Inbox(graph, entry.topic, type_, latched=self._latched, longest=MAX_TOPIC_BYTES, most=1)
         self._outlet = graph.outlet(Interface(entry.topic, type_.name)) if entry.write else None
         self._written: tuple[float, Any] = (-math.inf, None)
+        self._shown: tuple[float, Any] = (-math.inf, None)
         self._seen_s = -math.inf
         schema = self.view.schema
         self.said = wire.Property(
@@ -84,7 +85,11 @@ class TopicProperty:
         written_s, written = self._written
         if written_s > self._inbox.at_s and self._is_kept(now_s, written_s):
             return written
-        return self.view.value(message) if message and self._is_kept(now_s, self._inbox.at_s) else None
+        if not message or not self._is_kept(now_s, self._inbox.at_s):
+            return None
+        if self._inbox.at_s != self._shown[0]:
+            self._shown = self._inbox.at_s, self.view.value(message)
+        return self._shown[1]
 
     def _is_kept(self, now_s: float, at_s: float) -> bool:
         if self._latched and (self._outlet is not None or self._publishers.has(self._entry.topic)):
@@ -137,11 +142,11 @@ class TopicEvent:
         return [self._data(each) for each in kept]
 
     def _data(self, message: Mapping[str, Any]) -> bytes | None:
-        value = self.view.value(message) if self._has_data else None
-        payload = None if value is None else msgspec.json.encode(value)
-        if payload is not None and len(payload) > MAX_EVENT_BYTES:
-            self._drop(f"the data of an event have {len(payload)} bytes; {MAX_EVENT_BYTES} is the maximum")
+        if not self._has_data:
             return None
+        payload, problem = _encoded(self.view, message, MAX_EVENT_BYTES)
+        if problem:
+            self._drop(f"an event has no data: {problem}")
         return payload
 
     def _drop(self, why: str) -> None:
@@ -196,7 +201,7 @@ class ActionGoal:
         longest_s = MOTION_S if entry.moves else ACTION_S
         said = _action(entry, self._goal, about, longest_s, self._result, self._feedback)
         self._has_feedback = said.feedback is not None
-        self._told = set[bytes]()
+        self._told, self.dropped = set[bytes](), 0
         resume = None if entry.moves else self._resume
         said = msgspec.structs.replace(said, resumes=resume is not None)
         self.task = Task(self._run, said, _input(self._goal), takes_call=True, resume=resume)
@@ -217,8 +222,25 @@ class ActionGoal:
         return self._result.value(end.result)
 
     def _report(self, call: Call[Any], said: dict[str, Any]) -> None:
-        if self._has_feedback:
+        if not self._has_feedback:
+            return
+        _, problem = _encoded(self._feedback, said, MAX_FEEDBACK_BYTES)
+        if not problem:
             call.feedback(self._feedback.value(said))
+            return
+        self.dropped += 1
+        if self.dropped.bit_count() == 1:
+            _log.warning("%s: feedback is dropped (%d so far): %s", self.client.name, self.dropped, problem)
+
+
+def _encoded(view: View, message: Mapping[str, Any], most_bytes: int) -> tuple[bytes | None, str]:
+    """Return the JSON of a message, and a sentence about why it cannot be sent, if so."""
+    value = view.value(message)
+    payload = msgspec.json.encode(value)
+    if len(payload) > most_bytes:
+        return None, f"{len(payload)} bytes; {most_bytes} is the maximum"
+    problem = "it is unknown" if value is None else value_problem(view.schema, value)
+    return (None, problem) if problem else (payload, "")
 
 
 def _input_view(entry: ActionEntry, type_: MessageType, meanings: Meanings) -> View:

@@ -29,9 +29,9 @@ DENIED_NAMES = (
 DENIED_TYPES = (
     *("sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/PointCloud*", "stereo_msgs/*"),
     *("nav_msgs/msg/OccupancyGrid", "map_msgs/*", "visualization_msgs/*", "trajectory_msgs/*", "tf2_msgs/*"),
-    "control_msgs/action/FollowJointTrajectory",
+    *("control_msgs/action/*", "nav2_msgs/action/*", "controller_manager_msgs/*"),
 )
-"""Types that patterns do not expose: what is too long for a value, and trajectories, which the driver sends itself."""
+"""Types that patterns do not expose: what is too long for a value, and what moves the robot for sure."""
 _SEND_GOAL, _GET_RESULT, _FEEDBACK = "/_action/send_goal", "/_action/get_result", "/_action/feedback"
 
 
