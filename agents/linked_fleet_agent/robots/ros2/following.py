@@ -4,7 +4,7 @@ import asyncio
 import logging
 import math
 import uuid
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Coroutine, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -90,8 +90,13 @@ class Following:
         return ended
 
     def end_others(self, joints: Collection[str]) -> None:
-        """Cancel all goals of the actions that move one of these, also those of other clients."""
+        """Cancel all goals of the actions that move one of these, also those of other clients.
+
+        Without an event loop, when no agent runs the driver, nobody could wait for the answers: nothing is cancelled.
+        """
         self._told.clear()
+        if not _has_loop():
+            return
         clients = [each.client for each in self.ways if not set(joints).isdisjoint(each.joints)]
         clients += [each.client for each in self.movers if not set(joints).isdisjoint(each.moves)]
         own = {_goal_of(id, way) for id, motion in self._running.items() for way in motion.ways}
@@ -156,11 +161,19 @@ class Following:
             motion.task.cancel()
         return motion
 
-    def _start(self, work: Any) -> "asyncio.Task[None]":
-        task: asyncio.Task[None] = asyncio.ensure_future(work)
+    def _start(self, work: Coroutine[Any, Any, None]) -> "asyncio.Task[None]":
+        task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
+
+
+def _has_loop() -> bool:
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return False
+    return True
 
 
 async def _probe(way: Way) -> str:
