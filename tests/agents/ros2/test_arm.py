@@ -4,7 +4,7 @@ import pytest
 
 from linked_fleet_agent.robots.ros2.goals import ABORTED, SUCCEEDED
 from linked_fleet_agent.wire.messages import Refused
-from memory_arm import ArmBench, MemoryArm
+from memory_arm import TRAJECTORY, ArmBench, MemoryArm
 
 pytestmark = pytest.mark.virtual
 
@@ -17,6 +17,19 @@ async def test_controllers_and_their_joints_are_found_without_configuration() ->
             "pan": False, "lift": False, "finger": True, "thumb": False,
         }  # fmt: skip
         assert bench.robot.read(0.0).positions == pytest.approx((0.0, 0.0, 0.04, -0.03)), "mimic joints are derived"
+
+
+@pytest.mark.parametrize("others", [0, 1])
+async def test_a_controller_whose_joints_nobody_states_has_all_of_them_if_it_is_the_only_one(others: int) -> None:
+    """As behind a bridge of DDS, where the services of Fast DDS do not answer."""
+    arm = MemoryArm(actions=False, manager=False)
+    for each in range(others):
+        arm.graph.offer("subscription", f"/other_{each}/joint_trajectory", TRAJECTORY)
+    async with ArmBench(arm) as bench:
+        assert bench.robot.describe().coupled == (("pan", "lift", "finger"),)
+        bench.move("m", pan=0.5)
+        await bench.run(2.0)
+        assert (bench.end("m").state == "succeeded") == (not others)
 
 
 async def test_a_motion_is_a_goal_with_result() -> None:

@@ -10,7 +10,7 @@ from linked_fleet_agent.mesh_files import MeshRoots, mesh_files
 from linked_fleet_agent.robot import Facts
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import Address, AddressError, Controller
-from linked_fleet_agent.robots.ros2.controllers import Controllers, find_controllers
+from linked_fleet_agent.robots.ros2.controllers import Controllers, find_controllers, takes_trajectories
 from linked_fleet_agent.robots.ros2.definitions import DefinitionError
 from linked_fleet_agent.robots.ros2.graph import Graph, Interface, Mailbox, ReceivedMessage
 from linked_fleet_agent.robots.ros2.session import RosSession
@@ -82,12 +82,17 @@ async def settled(graph: Graph) -> None:
 
 
 async def controllers_of(graph: Graph, types: MessageTypes, address: Address, facts: Facts) -> Controllers:
-    """Return the controllers of a robot: those of its address, else those that it states, else one that is usual."""
+    """Return the controllers of a robot: those of its address, else those that it states.
+
+    Without either, the only one that takes trajectories, or the usual one, has all joints.
+    """
     free = [joint.name for joint in facts.joints if joint.mimics is None]
     if address.controllers:
         return Controllers(address.controllers)
-    found = await find_controllers(graph, types, address.namespace, free)
-    return found or usual_controllers(address)
+    if (found := await find_controllers(graph, types, address.namespace, free)) is not None:
+        return found
+    nodes = takes_trajectories(graph.offers(), address.namespace)
+    return Controllers((Controller(f"{nodes[0]}/joint_trajectory"),)) if len(nodes) == 1 else usual_controllers(address)
 
 
 def usual_controllers(address: Address) -> Controllers:
