@@ -4,7 +4,8 @@ import pytest
 
 from linked_fleet_agent.robots.ros2.goals import ABORTED, SUCCEEDED
 from linked_fleet_agent.wire.messages import Refused
-from memory_arm import TRAJECTORY, ArmBench, MemoryArm
+from memory_arm import TRAJECTORY, URDF, ArmBench, MemoryArm
+from memory_ros import MemoryAction
 
 pytestmark = pytest.mark.virtual
 
@@ -145,3 +146,37 @@ async def test_a_gripper_is_cancelled_by_a_stop() -> None:
         bench.stop("s")
         await bench.run(1.0)
         assert (bench.end("g").state, bench.end("s").state) == ("cancelled", "succeeded")
+
+
+async def test_a_parallel_gripper_is_commanded_by_its_joint() -> None:
+    arm = MemoryArm()
+    arm.graph.leave(*arm.hand.names)
+    hand = MemoryAction(arm.graph, "/gripper_controller/gripper_cmd", "control_msgs/action/ParallelGripperCommand")
+    async with ArmBench(arm) as bench:
+        bench.operate("g", "gripper", "grasp", width=0.01, force=15)
+        await bench.run(0.2)
+        [(goal_id, goal)] = hand.goals.items()
+        said = goal["command"]
+        assert (said["name"], said["position"], said["effort"]) == (["finger"], [0.01], [15.0])
+        arm.positions["finger"] = 0.03
+        hand.end(goal_id, SUCCEEDED, stalled=True, state={"position": [0.03], "effort": [14.0]})
+        await bench.run(0.3)
+        assert bytes(bench.end("g").result or b"") == b'{"width":0.03,"holding":true,"force":14.0}'
+
+
+async def test_a_gripper_whose_joint_turns_has_no_width() -> None:
+    arm = MemoryArm(URDF.replace('name="finger" type="prismatic"', 'name="finger" type="revolute"'))
+    async with ArmBench(arm) as bench:
+        assert bench.declared("gripper").get("@type") is None
+        assert bench.value("gripper", "position") == pytest.approx(0.04)
+        bench.operate("g", "gripper", "moveTo", position=0.08)
+        await bench.run(0.2)
+        [goal] = arm.hand.goals.values()
+        assert goal == {"command": {"position": 0.08, "max_effort": 0.0}}
+
+
+async def test_a_gripper_whose_joint_nobody_states_is_left_out_and_said() -> None:
+    arm = MemoryArm(manager=False)
+    async with ArmBench(arm) as bench:
+        [said] = [each for each in bench.value("driver", "missing") if "gripper_cmd" in each]
+        assert "/gripper_controller does not say which joint" in said

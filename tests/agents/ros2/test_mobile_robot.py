@@ -209,3 +209,20 @@ def test_an_outline_is_counterclockwise_or_none(footprint: object, radius: objec
     assert len(corners) == count
     pairs = zip(corners, [*corners[1:], *corners[:1]], strict=True)
     assert not corners or sum(a[0] * b[1] - b[0] * a[1] for a, b in pairs) > 0
+
+
+async def test_a_robot_is_docked_by_the_server_of_nav2() -> None:
+    cart = MemoryCart()
+    dock = MemoryAction(cart.graph, "/dock_robot", "nav2_msgs/action/DockRobot")
+    MemoryAction(cart.graph, "/undock_robot", "nav2_msgs/action/UndockRobot")
+    async with ArmBench(cart) as bench:
+        bench.operate("d", "navigation", "dockRobot", dock="home")
+        await bench.run(0.2)
+        [(goal_id, goal)] = dock.goals.items()
+        assert (goal["use_dock_id"], goal["dock_id"]) == (True, "home")
+        dock.tell(goal_id, state=2)
+        await bench.run(0.3)
+        assert bytes(bench.end("d").feedback or b"") == b"2"
+        dock.end(goal_id, ABORTED, error_code=901)
+        await bench.run(0.3)
+        assert bench.end("d").reason.endswith("it was given up by the robot: error 901, DOCK_NOT_IN_DB")

@@ -54,10 +54,13 @@ class Claw:
             raise ValueError(f"the position of {self.joint.name} is not known")
         return found
 
-    def note(self, end: GoalEnd) -> None:
-        """Remember what a grasp has ended with."""
-        self.force = self._number(end.result, "effort")
-        self.held_at = self.position() if end.result["stalled"] else math.nan
+    def note(self, end: GoalEnd) -> float:
+        """Remember what a grasp has ended with, and return the position that its controller states."""
+        self.force = abs(_number(end.result, "effort")) or math.nan
+        position = _number(end.result, "position")
+        stated = self.known_position() if math.isnan(position) else position
+        self.held_at = stated if end.result["stalled"] else math.nan
+        return stated
 
     def _goal(self, position: float, effort: float) -> dict[str, Any]:
         if self.client.type_name == COMMAND:
@@ -65,16 +68,17 @@ class Claw:
         efforts = [effort] if effort else []
         return {"command": {"name": [self.joint.name], "position": [position], "effort": efforts}}
 
-    def _number(self, result: Mapping[str, Any], what: str) -> float:
-        said = result[what] if what in result else result["state"][what]
-        found = said if isinstance(said, float) else next(iter(said), math.nan)
-        return abs(found) or math.nan
-
     @property
     def holding(self) -> bool:
         """True from a grasp that stalled until the fingers have moved further."""
         moved = abs(self.position() - self.held_at)
         return moved <= max(abs(self.held_at - self.closed) * _OPENED, 1e-3)
+
+
+def _number(result: Mapping[str, Any], what: str) -> float:
+    """Return the position or effort of a result: a number, or the first of a joint state."""
+    said = result[what] if what in result else result["state"][what]
+    return said if isinstance(said, float) else next(iter(said), math.nan)
 
 
 def gripper_of(claw: Claw, name: str) -> Component:
@@ -140,8 +144,9 @@ def _grasp(claw: Claw) -> Any:
         self: RosGripper, call: Call[kinds.Width], width: kinds.Width = claw.closed, force: kinds.Force = 0.0
     ) -> kinds.Grasped:
         """Close to a width, with at most this force; that which the gripper is set up with if none is given."""
-        claw.note(await claw.go(call, width, force))
-        return kinds.Grasped(claw.known_position(), claw.holding, None if math.isnan(claw.force) else claw.force)
+        end = await claw.go(call, width, force)
+        at = claw.note(end)
+        return kinds.Grasped(at, end.result["stalled"], None if math.isnan(claw.force) else claw.force)
 
     return _action(claw, grasp, "width")
 
