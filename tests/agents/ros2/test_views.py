@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from random import Random
 from typing import Any
 
@@ -228,3 +229,45 @@ def test_a_message_of_another_distribution_lacks_what_it_does_not_have() -> None
     payload = MessageTypes(preferred="humble").message(name).write({"name": "arm", "state": "active"})
     said = View(TYPES.message(name)).value(TYPES.message(name).read(payload))
     assert said["name"] == "arm" and "update_rate" not in said
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("wstring a", "a is a wstring, which implementations of ROS write differently"),
+        ("Y inner", "contains itself"),
+        ("Y[] inner", "contains itself"),
+        ("Z inner", "the type x/msg/Z is not defined"),
+    ],
+)
+def test_a_type_whose_messages_cannot_be_read_has_no_json_form(tmp_path: Path, text: str, said: str) -> None:
+    file = tmp_path / "x" / "msg" / "Y.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text(text)
+    with pytest.raises(DefinitionError) as refused:
+        View(MessageTypes([tmp_path]).message("x/msg/Y"))
+    assert said in str(refused.value)
+
+
+def test_arrays_have_their_bounds_terms_and_the_units_of_their_items(tmp_path: Path) -> None:
+    file = tmp_path / "x" / "msg" / "Y.msg"
+    file.parent.mkdir(parents=True)
+    file.write_text("float32[5000] wide\nfloat32[4096] just\nstring<=3[<=2] words\nfloat32[] heats\nstring name\n")
+    meanings = {"x/msg/Y.heats": Meaning("K", "https://example.org/heats"), "x/msg/Y.name": Meaning("K", "urn:x:name")}
+    view = View(MessageTypes([tmp_path]).message("x/msg/Y"), meanings)
+    assert view.left_out == ["wide: it has 5000 items; 4096 is the maximum"]
+    assert schema_problem(view.schema) == ""
+    assert at(view.schema, "just") == Schema(type="array", items=Schema(type="number"), min_items=4096, max_items=4096)
+    words = at(view.schema, "words")
+    assert (words.max_items, words.min_items, at(words, "[]").max_length) == (2, None, 3)
+    heats = at(view.schema, "heats")
+    assert (heats.semantic_type, at(heats, "[]").unit, at(heats, "[]").semantic_type) == (
+        "https://example.org/heats", "K", "",
+    )  # fmt: skip
+    assert (at(view.schema, "name").unit, at(view.schema, "name").semantic_type) == ("", "urn:x:name")
+
+
+def test_a_field_has_all_levels_below_it() -> None:
+    """The path to a field costs no depth."""
+    odometry = View(TYPES.message("nav_msgs/msg/Odometry"), field="pose.pose")
+    assert at(odometry.schema, "position.x").unit == "M"

@@ -72,6 +72,10 @@ class MessageType:
     def constants(self) -> dict[str, Any]:
         return dict(self.definitions[self.name].constants)
 
+    def check(self) -> None:
+        """Raise DefinitionError if no message of this type can be read or written."""
+        self.origin.serializer.zero(self.name)
+
     def read(self, payload: bytes, most_bytes: int = MAX_MESSAGE_BYTES) -> dict[str, Any]:
         """Return the fields of a message. Raises CdrError for bytes that are none."""
         try:

@@ -71,6 +71,7 @@ class View:
         need: Need = "certain",
         is_object: bool = False,
     ) -> None:
+        type_.check()
         self._definitions, self._meanings, self._need = type_.definitions, meanings or {}, need
         self.left_out: list[str] = []
         """Sentences about members that have no JSON form."""
@@ -107,9 +108,6 @@ class View:
             return None
         meaning = meaning_of(place.around, self._meanings, MEANINGS)
         node = _leaf_node(field)
-        if node is None:
-            self._leave_out(place, f"a {field.type} has no JSON form")
-            return None
         numeric = node.schema.type in ("number", "integer")
         said = replace(node.schema, unit=meaning.unit if numeric else "", semantic_type=meaning.term)
         return node._replace(schema=said)
@@ -203,7 +201,7 @@ def _within(definitions: Mapping[str, Definition], name: str, path: list[str]) -
     return field, place if path else _Place((), 1)
 
 
-def _leaf_node(field: Field) -> _Node | None:
+def _leaf_node(field: Field) -> _Node:
     if field.arity != "one" and field.type in _OCTETS:
         return _Node(Schema(type="string", max_length=MAX_TEXT), _base64, _bytes, field.arity == "array")
     if field.type == "string":
@@ -216,9 +214,7 @@ def _leaf_node(field: Field) -> _Node | None:
     if field.type in _LONG:
         low = 0 if field.type == "uint64" else None
         return _Node(Schema(type="integer", minimum=low), _exact, lambda said: said, False)
-    low, high = _RANGES.get(field.type, (None, None))
-    if high is None:
-        return None
+    low, high = _RANGES[field.type]
     return _Node(Schema(type="integer", minimum=low, maximum=high), lambda said: said, lambda said: said, True)
 
 
