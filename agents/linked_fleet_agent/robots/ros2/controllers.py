@@ -1,6 +1,6 @@
 """The trajectory controllers of a robot: which there are, which joints they have, and whether they are active.
 
-What ``ros2_control`` lists decides (controller_manager_msgs/ListControllers). Without its manager, each controller that
+What ros2_control lists decides (controller_manager_msgs/ListControllers). Without its manager, each controller that
 takes trajectories is asked for its parameter ``joints``.
 """
 
