@@ -95,7 +95,7 @@ async def test_what_is_exposed_by_a_pattern_is_taken_up_when_it_comes(arm: Memor
         assert "home" in bench.declared("ros")["actions"]
         arm.graph.publish("/lamp", "std_msgs/msg/Bool", {"data": True}, latched=True)
         with pytest.raises(Exception, match="more that is exposed has come"):
-            await bench.run(10.0)
+            await bench.run(45.0)
 
 
 async def test_a_configuration_that_is_wrong_says_where(arm: MemoryTool, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """The search for the parts of a ROS robot in its graph, without configuration."""
 
+import time
 from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Literal
@@ -27,6 +28,8 @@ BATTERY, DIAGNOSTICS = "sensor_msgs/msg/BatteryState", "diagnostic_msgs/msg/Diag
 SAFETY_MODE, NUMBER, TRIGGER = "ur_dashboard_msgs/msg/SafetyMode", "std_msgs/msg/Float64", "std_srvs/srv/Trigger"
 FRAMES, CLOCK = "tf2_msgs/msg/TFMessage", "rosgraph_msgs/msg/Clock"
 MOST_OF_A_KIND = 8
+ANEW_S = 30.0
+"""Least time from the start of a run until another one begins because more of the robot was found."""
 _TRAJECTORY = "/joint_trajectory"
 _MADE_FROM: frozenset[tuple[Role, str]] = frozenset(
     {
@@ -55,6 +58,7 @@ class _Search:
         self._exposed = Exposed()
         self._missing, self._unanswered = list[str](), list[str]()
         self._made_from, self._before = self._relevant(), frozenset[Interface]()
+        self._begun_s = time.monotonic()
         self.parts = Parts(held=dict(controllers.held or {}))
 
     async def run(self) -> None:
@@ -74,9 +78,14 @@ class _Search:
         come = (relevant & self._before) - self._made_from  # seen twice: the graph may be coming up
         self._before = relevant
         if come:
-            self.parts.anew = f"{min(each.name for each in come)} has come"
+            self._load_anew(f"{min(each.name for each in come)} has come")
         elif self._exposed.lacks(self._configuration, self._own.graph.offers(), self._own.namespace):
-            self.parts.anew = "more that is exposed has come"
+            self._load_anew("more that is exposed has come")
+
+    def _load_anew(self, why: str) -> None:
+        """Let the robot be loaded again, but not soon: a node that offers ever more must not keep it from working."""
+        if time.monotonic() - self._begun_s >= ANEW_S:
+            self.parts.anew = why
 
     async def _expose(self) -> list[Mover]:
         """Make components of what the configuration names."""
@@ -102,7 +111,7 @@ class _Search:
             self.parts.held.clear()
             self.parts.held.update(now.held or {})
             if set(now.chosen) != set(self._controllers.chosen):
-                self.parts.anew = "its controllers have changed"
+                self._load_anew("its controllers have changed")
 
     def _relevant(self) -> frozenset[Interface]:
         return frozenset(each for role, type in _MADE_FROM for each in self._own.offered(role, type))
