@@ -272,6 +272,7 @@ def _until_reply(ended: "asyncio.Future[bytes]", name: str, longest: int) -> Any
             return
         if payload is None:
             ended.set_exception(CallError(f"{name} {why}"))
+            ended.exception()  # nobody waits for it any more if the agent has ended meanwhile
         else:
             ended.set_result(payload)
 
