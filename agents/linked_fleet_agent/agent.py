@@ -168,8 +168,12 @@ class Agent:
             self._outcomes += [*self._motions.fail_all("the agent ends"), *self._operating.fail_all("the agent ends")]
             self._publish_progress(link, self._monotonic_ns())
             self._stop_robot()
-            self._host.close()
-            self._robot.close()
+            self.close()
+
+    def close(self) -> None:
+        """Close the robot, if it is not run."""
+        self._host.close()
+        self._robot.close()
 
     def tick(self, link: Link) -> None:
         """Read and publish the state, hold the robot if no gateway is present, and advance the motions."""

@@ -7,7 +7,7 @@ import signal
 import socket
 import sys
 from collections.abc import MutableSequence, Sequence
-from contextlib import AbstractAsyncContextManager
+from contextlib import AbstractAsyncContextManager, suppress
 from typing import Any, NamedTuple, Protocol
 
 from linked_fleet_agent.agent import Agent, new_incarnation
@@ -217,7 +217,7 @@ class _Served:
         with AbsentRobot(self._session, keys, name, new_incarnation(), absent.reason) as shown:
             while True:
                 try:
-                    agent = await asyncio.to_thread(make_agent, self._settings, absent.place)
+                    agent = await self._made(absent.place)
                     break
                 except (SettingsError, UnavailableError) as error:
                     shown.reason = str(error)
@@ -226,6 +226,16 @@ class _Served:
                 delay_s = min(2.0 * delay_s, LONGEST_DELAY_S)
         self._agents.append(agent)
         return agent
+
+    async def _made(self, place: int) -> Agent:
+        """Load a robot in a thread. One that is found after the agent was told to end is closed."""
+        loading = asyncio.ensure_future(asyncio.to_thread(make_agent, self._settings, place))
+        try:
+            return await asyncio.shield(loading)
+        except asyncio.CancelledError:
+            with suppress(SettingsError, UnavailableError):
+                (await loading).close()
+            raise
 
 
 def link_of(agent: Agent, session: Session, keys: Keys, **more: Any) -> RobotLink:

@@ -1,6 +1,7 @@
 """The runs of robots that an agent process serves."""
 
 import asyncio
+import threading
 from contextlib import asynccontextmanager
 from typing import Any, ClassVar, Self, cast
 
@@ -81,3 +82,29 @@ async def test_a_robot_with_a_new_description_gets_another_run(monkeypatch: pyte
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
+
+
+async def test_a_robot_that_is_found_after_the_end_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else its connection would keep the process."""
+    asked, found, closed = threading.Event(), threading.Event(), asyncio.Event()
+
+    class LateAgent(FakeAgent):
+        def close(self) -> None:
+            closed.set()
+
+    def make(settings: AgentSettings, place: int) -> Any:
+        asked.set()
+        found.wait(10)
+        return LateAgent(None)
+
+    monkeypatch.setattr(serving, "make_agent", make)
+    monkeypatch.setattr(serving, "AbsentRobot", Shown)
+    settings = AgentSettings(robots=(RobotChoice("r", "r"),))
+    served = serving._Served(settings, cast(Session, None), None, [])
+    task = asyncio.create_task(served.wait_for(serving.Absent(0, "r: away"), True))
+    await asyncio.to_thread(asked.wait, 10)
+    task.cancel()
+    found.set()
+    with pytest.raises(asyncio.CancelledError):
+        await task
+    assert closed.is_set()

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from typing import Self
 
 from needs import missing
 from running import ROOT, Process, free_port, process
@@ -95,6 +96,42 @@ def router(where: str) -> Iterator[Process]:
     with process("tests/support/zenoh_router.py", where) as child:
         child.said("routing")
         yield child
+
+
+class Restarting:
+    """Programs by names, which a test stops, starts and restarts. All are stopped at the end of the block."""
+
+    def __init__(self, **programs: Callable[[], AbstractContextManager[object]]) -> None:
+        """Each is what makes a program that runs in a ``with`` block; they start in this order."""
+        self._programs, self._running = programs, dict[str, ExitStack]()
+
+    def __enter__(self) -> Self:
+        try:
+            for name in self._programs:
+                self.start(name)
+        except BaseException:
+            self.__exit__()
+            raise
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for name in reversed(list(self._running)):
+            self.stop(name)
+
+    def start(self, name: str) -> None:
+        with ExitStack() as stack:
+            stack.enter_context(self._programs[name]())
+            self._running[name] = stack.pop_all()
+
+    def stop(self, name: str) -> None:
+        self._running.pop(name).close()
+
+    def restart(self, *names: str) -> None:
+        """Stop all of them, then start them in this order."""
+        for name in names:
+            self.stop(name)
+        for name in names:
+            self.start(name)
 
 
 @contextmanager

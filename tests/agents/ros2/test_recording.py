@@ -12,7 +12,7 @@ from ros_peers import SOURCES
 from ros_recording import GID, GOAL, NO_GOAL, OTHER_GOAL, RECORDING
 
 SAID = json.loads(RECORDING.read_text(encoding="utf-8"))
-TYPES = MessageTypes([SOURCES / "interfaces"], preferred="kilted")
+TYPES = MessageTypes([SOURCES / "interfaces", SOURCES / "interfaces_of_rclpy"], preferred="kilted")
 TRANSPORTS: dict[str, Transport] = {"rmw_zenoh": RmwZenoh(0), "bridge": DdsBridge()}
 ZERO_STAMP = {"sec": 0, "nanosec": 0}
 FIBONACCI = TYPES.action("test_msgs/action/Fibonacci")

@@ -38,7 +38,7 @@ class Robot(Node):
     def __init__(self, pause_s: float, urdf: str) -> None:
         super().__init__("rclpy_robot")
         self.pause_s, self.urdf = pause_s, urdf
-        self.positions, self.goals = {"pan": 0.25, "lift": 0.0}, {}
+        self.positions, self.goals = {"pan": 0.25, "lift": 0.0, "finger": 0.08}, {}
         self.lamp = False
         self._publish()
         self._serve()
@@ -105,7 +105,7 @@ class Robot(Node):
         return response
 
     def home(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self.goals = dict.fromkeys(self.positions, 0.0)
+        self.goals = {"pan": 0.0, "lift": 0.0}
         response.success, response.message = True, "on its way"
         return response
 

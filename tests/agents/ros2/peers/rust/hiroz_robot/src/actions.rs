@@ -39,9 +39,9 @@ pub fn serve(node: &ZNode, body: Arc<Body>, pause: Duration) -> Result<()> {
     let arm = body.clone();
     cancelling::serve(server, accepts, move |goal| follow(goal, arm.clone(), pause));
 
-    let name = "gripper_controller/gripper_cmd";
+    let (name, hand) = ("gripper_controller/gripper_cmd", body.clone());
     let server = offer::<GripperCommand>(node, name)?;
-    cancelling::serve(server, |goal| goal.command.position >= 0.0, move |goal| grip(goal, pause));
+    cancelling::serve(server, |goal| goal.command.position >= 0.0, move |goal| grip(goal, hand.clone(), pause));
 
     let server = offer::<NavigateToPose>(node, "navigate_to_pose")?;
     cancelling::serve(
@@ -77,7 +77,7 @@ fn accepts(goal: &FollowJointTrajectoryGoal) -> bool {
         && !goal.trajectory.points.is_empty()
 }
 
-/// Point after point. A joint that should go beyond 3 rad violates the tolerance.
+/// Point after point. A joint that should go beyond 1.9 rad violates the tolerance.
 async fn follow(goal: ExecutingGoal<FollowJointTrajectory>, body: Arc<Body>, pause: Duration) -> Result<()> {
     let asked = goal.goal.trajectory.clone();
     for point in &asked.points {
@@ -87,8 +87,8 @@ async fn follow(goal: ExecutingGoal<FollowJointTrajectory>, body: Arc<Body>, pau
                 body.with(|state| state.goals = state.positions.clone());
                 return goal.canceled(FollowJointTrajectoryResult::default());
             }
-            if point.positions.iter().any(|position| position.abs() > 3.0) {
-                let error_string = "pan: path error 3.1 > 0.1".into();
+            if point.positions.iter().any(|position| position.abs() > 1.9) {
+                let error_string = "pan: path error 0.2 > 0.1".into();
                 let error_code = FollowJointTrajectoryResult::PATH_TOLERANCE_VIOLATED;
                 return goal.abort(FollowJointTrajectoryResult { error_code, error_string });
             }
@@ -110,18 +110,20 @@ fn gap(body: &Body) -> Option<f64> {
 }
 
 /// It meets an object 10 mm wide.
-async fn grip(goal: ExecutingGoal<GripperCommand>, pause: Duration) -> Result<()> {
-    let wanted = goal.goal.command.position;
-    let mut position = 0.08;
+async fn grip(goal: ExecutingGoal<GripperCommand>, body: Arc<Body>, pause: Duration) -> Result<()> {
+    let (wanted, effort) = (goal.goal.command.position, goal.goal.command.max_effort);
+    let begin = body.with(|state| state.positions["finger"]);
+    let mut position = begin;
     for step in 1..=STEPS {
         tokio::time::sleep(pause).await;
-        position = f64::max(0.08 + (wanted - 0.08) * f64::from(step) / f64::from(STEPS), 0.01);
+        position = f64::max(begin + (wanted - begin) * f64::from(step) / f64::from(STEPS), 0.01);
+        body.with(|state| state.positions.insert("finger".into(), position));
         goal.publish_feedback(GripperCommandFeedback { position, ..Default::default() })?;
         if goal.is_cancel_requested() {
             return goal.canceled(GripperCommandResult { position, ..Default::default() });
         }
     }
-    let (effort, stalled) = (goal.goal.command.max_effort, position > wanted);
+    let stalled = position > wanted;
     goal.succeed(GripperCommandResult { position, effort, stalled, reached_goal: !stalled })
 }
 

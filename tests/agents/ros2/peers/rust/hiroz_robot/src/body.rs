@@ -44,7 +44,7 @@ pub struct Body(Mutex<State>);
 
 impl Body {
     pub fn new() -> Self {
-        let positions = [("pan", 0.25), ("lift", 0.0)].map(|(name, at)| (name.to_string(), at));
+        let positions = [("pan", 0.25), ("lift", 0.0), ("finger", 0.08)].map(|(name, at)| (name.to_string(), at));
         Self(Mutex::new(State { positions: positions.into(), ..Default::default() }))
     }
 
@@ -169,7 +169,7 @@ pub fn serve(node: &ZNode, body: Arc<Body>, said: Publisher<Bool>) -> Result<Ser
     let mut home = node.create_service::<Trigger>("home").build()?;
     tokio::spawn(async move {
         while let Ok(request) = home.async_take_request().await {
-            body.with(|state| state.goals = state.positions.keys().map(|name| (name.clone(), 0.0)).collect());
+            body.with(|state| state.goals = ["pan", "lift"].map(|name| (name.to_string(), 0.0)).into());
             let response = TriggerResponse { success: true, message: "on its way".into() };
             request.reply(&response).await.expect("a session");
         }
@@ -196,6 +196,12 @@ fn controllers() -> Vec<ControllerState> {
     let trajectory = "joint_trajectory_controller/JointTrajectoryController";
     vec![
         controller("joint_trajectory_controller", "active", trajectory, &["pan/position", "lift/position"]),
+        controller(
+            "gripper_controller",
+            "active",
+            "position_controllers/GripperActionController",
+            &["finger/position"],
+        ),
         controller("forward_velocity_controller", "inactive", "velocity_controllers/JointGroupVelocityController", &[]),
         controller("joint_state_broadcaster", "active", "joint_state_broadcaster/JointStateBroadcaster", &[]),
     ]
