@@ -36,9 +36,9 @@ def test_the_tests_of_an_extension_need_the_environment_alone() -> None:
 
 
 @pytest.mark.parametrize(("target", "needs"), [("test", False), ("test-long", True)])
-def test_go_and_java_are_for_the_longer_tests(target: str, needs: bool) -> None:
+def test_go_java_and_rust_are_for_the_longer_tests(target: str, needs: bool) -> None:
     commands = _make(target, "--dry-run", "--always-make").stdout
-    assert [("helm_program" in commands), ("java" in commands)] == [needs, needs]
+    assert [each in commands for each in ("helm_program", "java", "ros2/peers/build")] == [needs] * 3
 
 
 @pytest.mark.parametrize(("candidate", "installs"), [("150.0.1-1", True), ("(none)", False)])
