@@ -21,7 +21,7 @@ from linked_fleet_agent.robots.ros2.graph import CallError, Interface
 from linked_fleet_agent.robots.ros2.robot import Ros2Robot
 from linked_fleet_agent.robots.ros2.session import RosSession
 from linked_fleet_agent.robots.ros2.types import MessageTypes, ServiceType
-from ros_peers import URDF, behind_bridge, on_rmw_zenoh
+from ros_peers import URDF, behind_bridge, hiroz_robot, on_rmw_zenoh
 from ros_recording import RECORDING, recording
 from running import eventually
 
@@ -125,3 +125,32 @@ def test_a_service_that_does_not_answer_leaves_others_alone(session: RosSession)
 def test_a_service_that_nobody_has_is_refused_at_once(session: RosSession) -> None:
     with pytest.raises(CallError, match="no node offers the service /away"):
         asyncio.run(session.call(Interface("/away", "std_srvs/srv/Trigger"), b"", LONGEST))
+
+
+def test_a_robot_behind_a_bridge_with_a_namespace_is_found_by_it() -> None:
+    with behind_bridge(options='namespace: "/arm1", ') as endpoint:
+        address = parse_address(f"ros2dds:{endpoint}?namespace=/arm1")
+        with closing(Ros2Robot.find("arm", address)) as robot:
+            eventually(lambda: math.isfinite(robot.read(0.0).positions[0]), "a position")
+
+
+def test_both_transports_are_joined_where_both_are() -> None:
+    """The bridge is a router too, at which nodes of rmw_zenoh meet."""
+    with (
+        behind_bridge() as endpoint,
+        hiroz_robot(endpoint),
+        closing(RosSession(endpoint, 0, "test", type_hash)) as session,
+    ):
+        offered(session, "/navigate_to_pose/_action/send_goal")
+        offered(session, "/fastdds/home")
+        assert session.is_bridged
+        box = session.subscribe(Interface("/joint_states", "sensor_msgs/msg/JointState"), LONGEST, most=300)
+        assert call(session, "/home", {})["success"]
+        read = TYPES.message("sensor_msgs/msg/JointState").read
+        seen = set[tuple[str, ...]]()
+
+        def both() -> bool:
+            seen.update(tuple(read(each.payload or b"")["name"]) for each in box.fetch())
+            return len(seen) == 2
+
+        eventually(both, "joint states of both robots, which name their joints in different orders")
