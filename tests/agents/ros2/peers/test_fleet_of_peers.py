@@ -93,40 +93,40 @@ def test_battery_and_diagnostics_are_read(arm: Thing) -> None:
 def test_joints_move(arm: Thing) -> None:
     assert ended(arm["pan"].actions["rotate"](value=0.6, unit="rad"))[:2] == ("succeeded", "")
     assert arm["pan"].properties["rotation"].value.number == pytest.approx(0.6, abs=0.02)
-    assert ended(arm["root"].actions["home"]())[:2] == ("succeeded", "")
+    assert ended(arm["ros"].actions["home"]())[:2] == ("succeeded", "")
     eventually(lambda: abs(arm["pan"].properties["rotation"].value.number) < 0.01, "it is at home")
 
 
 def test_a_service_is_an_action_and_a_latched_topic_a_property(arm: Thing) -> None:
-    ended(arm["root"].actions["set_lamp"](data=False))
-    lit = ended(arm["root"].actions["set_lamp"](data=True))
+    ended(arm["ros"].actions["set_lamp"](data=False))
+    lit = ended(arm["ros"].actions["set_lamp"](data=True))
     assert lit.said["output"] == {"success": True, "message": "switched"}
-    eventually(lambda: arm["root"].properties["lamp"].reading.values == {"value": True}, "the lamp is on")
-    again = ended(arm["root"].actions["set_lamp"](data=True))
+    eventually(lambda: arm["ros"].properties["lamp"].reading.values == {"value": True}, "the lamp is on")
+    again = ended(arm["ros"].actions["set_lamp"](data=True))
     assert again[:2] == ("failed", "as it was"), "success is false"
 
 
 def test_a_service_without_an_answer_fails_and_names_its_time(arm: Thing) -> None:
-    assert ended(arm["root"].actions["silence"]())[:2] == ("failed", "it did not end within the 1 s that it may take")
+    assert ended(arm["ros"].actions["silence"]())[:2] == ("failed", "it did not end within the 1 s that it may take")
 
 
 def test_a_goal_has_feedback_and_a_result(arm: Thing) -> None:
-    end = ended(arm["root"].actions["fibonacci"](order=6))
+    end = ended(arm["ros"].actions["fibonacci"](order=6))
     assert (end.state, end.said["output"]) == ("succeeded", {"sequence": [0, 1, 1, 2, 3, 5]})
     assert end.said["feedback"] == {"sequence": [0, 1, 1, 2, 3, 5]}
 
 
 def test_a_goal_is_refused(arm: Thing) -> None:
-    assert ended(arm["root"].actions["fibonacci"](order=-1))[:2] == ("failed", "/fibonacci does not accept the goal")
+    assert ended(arm["ros"].actions["fibonacci"](order=-1))[:2] == ("failed", "/fibonacci does not accept the goal")
 
 
 def test_a_goal_is_cancelled(arm: Thing) -> None:
-    run = arm["root"].actions["fibonacci"](order=900)
+    run = arm["ros"].actions["fibonacci"](order=900)
     eventually(lambda: state(run).get("feedback"), "a feedback")
     run.cancel()
     assert ended(run).state == "cancelled"
     # The robot ends it, so that another one begins at once.
-    assert ended(arm["root"].actions["fibonacci"](order=3)).state == "succeeded"
+    assert ended(arm["ros"].actions["fibonacci"](order=3)).state == "succeeded"
 
 
 @pytest.fixture
