@@ -64,6 +64,8 @@ Neighbours = dict[str, Neighbour]
 _MOST_SPEEDS = 5
 """Speeds at which a drive is checked."""
 _FLOOR = 0.95
+_SLOWER = (1.0, 0.8, 0.4)
+"""The largest share of the speed before that is tried next: one that nearly fits needs little less."""
 """Share of the speed that seems to fit at which a drive is checked anew, because its way changes a little."""
 EARLY_S = 30.0
 """Longest wait of a motion for the start of the process and for shapes that are being prepared."""
@@ -248,7 +250,7 @@ class Checks:
             answer = await self._checker.ask(question, _ANSWER_S)
             if not isinstance(answer, CollisionFound):
                 break
-            share *= min(_FLOOR * slower.fitting_share(answer.share), 0.5 if attempt else 1.0)
+            share *= min(_FLOOR * slower.fitting_share(answer.share), _SLOWER[min(attempt, len(_SLOWER) - 1)])
             if drive.slowed(share).is_too_slow:
                 break
             limited = self._collision(robot, answer).reason
