@@ -27,6 +27,7 @@ DISTRIBUTIONS = ("jazzy", "kilted", "lyrical", "humble", "iron")
 """Distributions whose types are known, in the order in which they are tried for a type whose hash is not known."""
 MAX_FILES = 20_000
 _INTERFACES = Path(__file__).with_name("interfaces")
+_SHARED = {"humble": ("before_jazzy",), "iron": ("before_jazzy",)}
 _KINDS = ("msg", "srv", "action")
 _PARTS = (
     "_Request",
@@ -99,7 +100,8 @@ def distribution(name: str) -> Definitions:
     """Return the definitions of one of ``DISTRIBUTIONS``."""
     stated = get_typestore(Stores(f"ros2_{name}")).fielddefs
     of_rosbags = {type_: _definition(type_, *said) for type_, said in stated.items()}
-    return Definitions(InterfaceFolder(_INTERFACES / name), (InterfaceFolder(_INTERFACES / "common"), of_rosbags))
+    shared = [InterfaceFolder(_INTERFACES / each) for each in (*_SHARED.get(name, ()), "common")]
+    return Definitions(InterfaceFolder(_INTERFACES / name), (*shared, of_rosbags))
 
 
 def _definition(name: str, constants: Any, fields: Any) -> Definition:
