@@ -40,6 +40,7 @@ OUTSIDE = {
     "tests/README.md": "tests.md",
     "tests/support/README.md": "helpers.md",
     "tests/histories/README.md": "histories.md",
+    "tests/agents/ros2/peers/README.md": "ros-peers.md",
 }
 _EXTENSIONS = "gateway/linked_fleet_gateway/extensions"
 OUTSIDE |= {
