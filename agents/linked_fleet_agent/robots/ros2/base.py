@@ -1,10 +1,8 @@
 """The base of a ROS robot: where it is, by odometry and frames, and a component that drives it by velocities."""
 
 import json
-import logging
 import math
 import time
-from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple
 
 from linked_fleet_agent.components.call import Call
@@ -12,15 +10,12 @@ from linked_fleet_agent.components.component import value
 from linked_fleet_agent.components.driving import VelocityBase
 from linked_fleet_agent.components.kinds import PlanarPose
 from linked_fleet_agent.planar import STANDING, DriveLimits, Pose, Velocity
-from linked_fleet_agent.robots.ros2.controllers import GET_PARAMETERS, NoAnswerError
 from linked_fleet_agent.robots.ros2.frames import Frames, Transform, transform_of
-from linked_fleet_agent.robots.ros2.graph import Interface, Outlet
+from linked_fleet_agent.robots.ros2.graph import Outlet
 from linked_fleet_agent.robots.ros2.inbox import Inbox
 from linked_fleet_agent.robots.ros2.own_graph import OwnGraph
 from linked_fleet_agent.robots.ros2.types import MessageType
 from linked_fleet_agent.wire.messages import Base
-
-_log = logging.getLogger(__name__)
 
 ODOMETRY = "nav_msgs/msg/Odometry"
 TWIST, STAMPED_TWIST = "geometry_msgs/msg/Twist", "geometry_msgs/msg/TwistStamped"
@@ -36,7 +31,7 @@ UNKNOWN = Base(_NAN3, (*_NAN3, math.nan), _NAN3, _NAN3)
 
 
 class Whereabouts:
-    """Where the root link of a robot is: in the frame of its odometry, and on the map if it localises itself.
+    """The pose of the root link of a robot in the frame of its odometry, and on the map if it localises itself.
 
     Odometry gives velocities, and the pose while no frames do.
     """
@@ -105,18 +100,18 @@ class Whereabouts:
 
 
 class Body(NamedTuple):
-    """What a base is able to do, and its outline (m). ``assumed`` says what it does not state itself."""
+    """The limits and the outline (m) of a base. ``assumed`` names what it does not state itself."""
 
-    limits: DriveLimits = USUAL_LIMITS
-    corners: tuple[tuple[float, float], ...] = ()
-    assumed: tuple[str, ...] = ("its limits", "its outline")
+    limits: DriveLimits
+    corners: tuple[tuple[float, float], ...]
+    assumed: tuple[str, ...]
 
 
 async def body_of(own: OwnGraph) -> Body:
     """Ask the nodes of Nav2 for limits and outline of a base."""
-    smoother = await parameters_of(own, f"{own.namespace}/velocity_smoother", ("max_velocity", "max_accel"))
+    smoother = await own.parameters(f"{own.namespace}/velocity_smoother", ("max_velocity", "max_accel"))
     costmap = f"{own.namespace}/local_costmap/local_costmap"
-    outline = await parameters_of(own, costmap, ("footprint", "robot_radius"))
+    outline = await own.parameters(costmap, ("footprint", "robot_radius"))
     limits = limits_of(smoother.get("max_velocity"), smoother.get("max_accel"))
     corners = corners_of(outline.get("footprint"), outline.get("robot_radius"))
     assumed = tuple(what for what, known in (("its limits", limits), ("its outline", corners)) if not known)
@@ -145,12 +140,7 @@ def corners_of(footprint: object, radius: object) -> tuple[tuple[float, float], 
     return _circle(radius) if isinstance(radius, float) and 0.01 < radius < 100.0 else ()
 
 
-def ros_base(
-    whereabouts: Whereabouts,
-    body: Body,
-    outlet: Outlet,
-    type: MessageType,
-) -> "RosBase":
+def ros_base(whereabouts: Whereabouts, body: Body, outlet: Outlet, type: MessageType) -> "RosBase":
     """Return the component of a base that takes velocities on a topic."""
 
     class Made(RosBase, limits=body.limits):
@@ -168,12 +158,7 @@ class RosBase(VelocityBase, limits=USUAL_LIMITS):
 
     corners: ClassVar[tuple[tuple[float, float], ...]] = ()
 
-    def __init__(
-        self,
-        whereabouts: Whereabouts,
-        outlet: Outlet,
-        type: MessageType,
-    ) -> None:
+    def __init__(self, whereabouts: Whereabouts, outlet: Outlet, type: MessageType) -> None:
         super().__init__()
         self._whereabouts, self._outlet, self._type = whereabouts, outlet, type
         self._zeros_until_s = -math.inf
@@ -219,31 +204,3 @@ def _circle(radius: float) -> tuple[tuple[float, float], ...]:
     angles = [math.tau * each / _CORNERS for each in range(_CORNERS)]
     outer = radius / math.cos(math.pi / _CORNERS)
     return tuple((round(outer * math.cos(each), 4), round(outer * math.sin(each), 4)) for each in angles)
-
-
-async def parameters_of(own: OwnGraph, node: str, names: Sequence[str]) -> Mapping[str, object]:
-    """Return parameters of a node by name; nothing if it does not say."""
-    service = Interface(f"{node}/get_parameters", GET_PARAMETERS)
-    if service not in own.offered("service", GET_PARAMETERS, everywhere=True):
-        return {}
-    try:
-        answer = await own.ask(service, {"names": list(names)})
-    except NoAnswerError as error:
-        _log.info("%s", error)
-        return {}
-    return dict(zip(names, map(_value, answer["values"]), strict=False))
-
-
-def _value(said: Mapping[str, Any]) -> object:
-    """Return the value of an rcl_interfaces/ParameterValue."""
-    return said[_FIELDS[said["type"]]] if said["type"] in _FIELDS else None
-
-
-_FIELDS = {
-    1: "bool_value",
-    2: "integer_value",
-    3: "double_value",
-    4: "string_value",
-    8: "double_array_value",
-    9: "string_array_value",
-}

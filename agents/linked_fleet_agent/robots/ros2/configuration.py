@@ -36,7 +36,7 @@ class ConfigurationError(AddressError):
 
 
 class Entry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What all entries say. ``component`` and ``name`` say what the fleet calls it; its names in ROS by default.
+    """The keys of all entries. ``component`` and ``name`` are what the fleet calls it; its names in ROS by default.
 
     ``type`` may be left out if a node offers it. Values and inputs are the whole message, or the ``field`` in it.
     """
@@ -55,7 +55,7 @@ class Entry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def kind(self) -> str:
-        """Whether the type is a ``msg``, a ``srv`` or an ``action``."""
+        """The kind of the type: ``msg``, ``srv`` or ``action``."""
         return "msg"
 
 
@@ -112,7 +112,7 @@ class ActionEntry(Entry, frozen=True, kw_only=True):
 
 
 class ComponentEntry(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is said of a component itself. ``kind`` is the IRI of its class, ``link`` where it is mounted."""
+    """The description of a component itself. ``kind`` is the IRI of its class, ``link`` where it is mounted."""
 
     title: Title = ""
     description: Prose = ""

@@ -10,19 +10,13 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from linked_fleet_agent.robots.ros2.address import Controller
-from linked_fleet_agent.robots.ros2.definitions import DefinitionError
-from linked_fleet_agent.robots.ros2.graph import CallError, Graph, Interface, Offer
-from linked_fleet_agent.robots.ros2.serialization import CdrError
+from linked_fleet_agent.robots.ros2.graph import Graph, Offer
+from linked_fleet_agent.robots.ros2.services import NoAnswerError, ask, parameters_of, texts
 from linked_fleet_agent.robots.ros2.types import MessageTypes
 
 LIST_CONTROLLERS = "controller_manager_msgs/srv/ListControllers"
-GET_PARAMETERS = "rcl_interfaces/srv/GetParameters"
 TRAJECTORY, FOLLOW = "trajectory_msgs/msg/JointTrajectory", "control_msgs/action/FollowJointTrajectory"
-ANSWER_S = 2.0
-"""Longest wait for the answer of a service of a controller or its manager."""
-MAX_ANSWER_BYTES = 1_048_576
 _TOPIC, _ACTION = "/joint_trajectory", "/follow_joint_trajectory"
-_STRING_ARRAY = 9  # rcl_interfaces/msg/ParameterType
 
 
 class Stated(NamedTuple):
@@ -52,30 +46,6 @@ class Controllers:
     def manager(self) -> bool:
         """True if a manager lists them."""
         return bool(self.listed)
-
-
-class NoAnswerError(Exception):
-    """A service has not answered, or with what cannot be read; the message says which."""
-
-
-async def ask(graph: Graph, types: MessageTypes, service: str, type: str, request: dict[str, Any]) -> dict[str, Any]:
-    """Call a service and return its response. Raises NoAnswerError."""
-    stated = hash_of(graph.offers(), "service", service, type)
-    try:
-        known = types.service(type, stated)
-        async with asyncio.timeout(ANSWER_S):
-            answer = await graph.call(Interface(service, type), known.request.write(request), MAX_ANSWER_BYTES)
-        return known.response.read(answer, MAX_ANSWER_BYTES)
-    except TimeoutError:
-        raise NoAnswerError(f"{service} does not answer") from None
-    except (CallError, CdrError, DefinitionError) as error:
-        raise NoAnswerError(str(error)) from error
-
-
-def hash_of(offers: Iterable[Offer], role: str, name: str, type: str) -> str:
-    """Return the hash of a type as the node that offers an interface states it; empty if it states none."""
-    said = (each.type_hash for each in offers if each.role == role and each.interface == Interface(name, type))
-    return next((each for each in said if each.startswith("RIHS01_")), "")
 
 
 def takes_trajectories(offers: Collection[Offer], namespace: str) -> list[str]:
@@ -141,12 +111,7 @@ def _disjoint(found: Iterable[Stated], joints: Collection[str]) -> list[Stated]:
 
 async def _joints_of(graph: Graph, types: MessageTypes, node: str) -> tuple[str, ...]:
     """Return the parameter ``joints`` of a controller's node; nothing if it does not say."""
-    try:
-        answer = await ask(graph, types, f"{node}/get_parameters", GET_PARAMETERS, {"names": ["joints"]})
-    except NoAnswerError:
-        return ()
-    values = [each["string_array_value"] for each in answer["values"] if each["type"] == _STRING_ARRAY]
-    return tuple(values[0]) if values else ()
+    return texts((await parameters_of(graph, types, node, ("joints",))).get("joints"))
 
 
 def _joints(interfaces: Iterable[str]) -> tuple[str, ...]:

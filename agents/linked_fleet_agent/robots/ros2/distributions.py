@@ -1,4 +1,4 @@
-"""Where definitions of types come from: distributions of ROS 2, and folders of interface files.
+"""The sources of definitions of types: distributions of ROS 2, and folders of interface files.
 
 rosbags has the messages of each distribution. The folder ``interfaces`` has what it lacks and robots need, as field
 lists: services, actions and messages of ros2_control, Nav2 and robots of Universal Robots.

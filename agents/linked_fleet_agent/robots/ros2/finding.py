@@ -86,10 +86,9 @@ async def controllers_of(graph: Graph, types: MessageTypes, address: Address, fa
 
     Without either, the only one that takes trajectories, or the usual one, has all joints.
     """
-    free = [joint.name for joint in facts.joints if joint.mimics is None]
     if address.controllers:
         return Controllers(address.controllers)
-    if (found := await find_controllers(graph, types, address.namespace, free)) is not None:
+    if (found := await find_controllers(graph, types, address.namespace, free_joints(facts))) is not None:
         return found
     nodes = takes_trajectories(graph.offers(), address.namespace)
     return Controllers((Controller(f"{nodes[0]}/joint_trajectory"),)) if len(nodes) == 1 else usual_controllers(address)
@@ -120,7 +119,7 @@ def with_meshes(name: str, facts: Facts, address: Address, roots: MeshRoots) -> 
 
 def with_controllers(facts: Facts, controllers: Sequence[Controller], tolerance: float | None) -> Facts:
     """Return the facts with the joints of each controller coupled, and those of none passive. Raises AddressError."""
-    free = {joint.name for joint in facts.joints if joint.mimics is None}
+    free = free_joints(facts)
     for controller in controllers:
         missing = [joint for joint in controller.joints if joint not in free]
         if missing:
@@ -137,4 +136,9 @@ def with_controllers(facts: Facts, controllers: Sequence[Controller], tolerance:
 
 
 def joints_of_controller(controller: Controller, facts: Facts) -> tuple[str, ...]:
-    return controller.joints or tuple(joint.name for joint in facts.joints if joint.mimics is None)
+    return controller.joints or free_joints(facts)
+
+
+def free_joints(facts: Facts) -> tuple[str, ...]:
+    """Return the joints that mimic no other one."""
+    return tuple(joint.name for joint in facts.joints if joint.mimics is None)

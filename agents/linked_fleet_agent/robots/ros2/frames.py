@@ -79,6 +79,8 @@ class Frames:
 
     def prefix_of(self, root: str) -> str:
         """Return what stands before the names of links here, as by ``frame_prefix`` of robot_state_publisher."""
+        if root in self._frames:
+            return ""
         names = {*self._frames, *(parent for parent, _, _ in self._frames.values())}
         if root in names:
             return ""

@@ -9,11 +9,11 @@ import uuid
 from collections.abc import Awaitable, Mapping
 from typing import Any, NamedTuple, TypeVar
 
-from linked_fleet_agent.robots.ros2.controllers import hash_of
 from linked_fleet_agent.robots.ros2.definitions import DefinitionError
 from linked_fleet_agent.robots.ros2.graph import CallError, Graph, Interface
 from linked_fleet_agent.robots.ros2.inbox import Inbox
 from linked_fleet_agent.robots.ros2.serialization import CdrError
+from linked_fleet_agent.robots.ros2.services import hash_of
 from linked_fleet_agent.robots.ros2.types import ActionType, MessageTypes, ServiceType
 
 EXECUTING, SUCCEEDED, CANCELED, ABORTED = 2, 4, 5, 6  # action_msgs/msg/GoalStatus

@@ -202,6 +202,7 @@ class ActionGoal:
         said = _action(entry, self._goal, about, longest_s, self._result, self._feedback)
         self._has_feedback = said.feedback is not None
         self._told, self.dropped = set[bytes](), 0
+        self._looked_at: Mapping[bytes, int] | None = None
         resume = None if entry.moves else self._resume
         said = msgspec.structs.replace(said, resumes=resume is not None)
         self.task = Task(self._run, said, _input(self._goal), takes_call=True, resume=resume)
@@ -209,8 +210,11 @@ class ActionGoal:
     def unfinished(self) -> list[str]:
         """Return the ids of goals that have become known since the last call; an earlier run may have sent them."""
         known = self.client.statuses()
+        if known is self._looked_at:  # almost always: this is asked in each tick
+            return []
         new = [each for each in known if each not in self._told and any(each)][:_MOST_TAKEN_UP]
         self._told = {*(self._told & known.keys()), *new}
+        self._looked_at = None if len(new) == _MOST_TAKEN_UP else known
         return [str(UUID(bytes=each)) for each in new]
 
     async def _run(self, *, call: Call[Any], **given: Any) -> Any:

@@ -1,12 +1,12 @@
 """The part of a ROS graph that belongs to one robot: what is offered below its namespace, read with the right types."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
-from linked_fleet_agent.robots.ros2.controllers import ask, hash_of
 from linked_fleet_agent.robots.ros2.goals import ActionClient
 from linked_fleet_agent.robots.ros2.graph import Graph, Interface, Outlet, Role
 from linked_fleet_agent.robots.ros2.inbox import Inbox
+from linked_fleet_agent.robots.ros2.services import ask, hash_of, parameters_of
 from linked_fleet_agent.robots.ros2.types import MessageType, MessageTypes
 
 _SEND_GOAL = "/_action/send_goal"
@@ -47,6 +47,10 @@ class OwnGraph:
     async def ask(self, service: Interface, request: dict[str, Any]) -> dict[str, Any]:
         """Call a service. Raises NoAnswerError."""
         return await ask(self.graph, self.types, service.name, service.type, request)
+
+    async def parameters(self, node: str, names: Sequence[str]) -> Mapping[str, object]:
+        """Return parameters of a node by name; nothing if it does not say."""
+        return await parameters_of(self.graph, self.types, node, names)
 
     def name(self, usual: str, interface: Interface, among: Sequence[object]) -> str:
         """Return a name for a component: the usual one, or one after the interface if there are several."""

@@ -10,16 +10,17 @@ from linked_fleet_agent.components.jogging import NAME as JOGGING
 from linked_fleet_agent.robot import Facts
 from linked_fleet_agent.robots.ros2 import base, gripper, navigation, states
 from linked_fleet_agent.robots.ros2.configuration import Configuration
-from linked_fleet_agent.robots.ros2.controllers import FOLLOW, Controllers, NoAnswerError, find_controllers
+from linked_fleet_agent.robots.ros2.controllers import FOLLOW, Controllers, find_controllers
 from linked_fleet_agent.robots.ros2.definitions import DefinitionError
 from linked_fleet_agent.robots.ros2.exposure import Exposed, expose
-from linked_fleet_agent.robots.ros2.finding import joints_of_controller
+from linked_fleet_agent.robots.ros2.finding import free_joints, joints_of_controller
 from linked_fleet_agent.robots.ros2.following import Following, Mover, Way
 from linked_fleet_agent.robots.ros2.goals import ActionClient
 from linked_fleet_agent.robots.ros2.graph import Interface, Role
 from linked_fleet_agent.robots.ros2.inbox import Inbox
 from linked_fleet_agent.robots.ros2.own_graph import OwnGraph
 from linked_fleet_agent.robots.ros2.parts import Parts
+from linked_fleet_agent.robots.ros2.services import NoAnswerError, texts
 from linked_fleet_agent.robots.ros2.status import RosStatus
 from linked_fleet_agent.urdf import RobotModel
 from linked_fleet_agent.wire.components import BASE
@@ -105,8 +106,8 @@ class _Search:
     async def _look_at_controllers(self) -> None:
         if not self._controllers.manager:
             return
-        free = [joint.name for joint in self._facts.joints if joint.mimics is None]
-        now = await find_controllers(self._own.graph, self._own.types, self._own.namespace, free)
+        own = self._own
+        now = await find_controllers(own.graph, own.types, own.namespace, free_joints(self._facts))
         if now is not None and now.manager:
             self.parts.held.clear()
             self.parts.held.update(now.held or {})
@@ -212,9 +213,8 @@ class _Search:
         listed = [each for each in self._controllers.listed if f"{self._own.namespace}/{each.name}" == node]
         if listed and listed[0].joints:
             return listed[0].joints[0]
-        said = await base.parameters_of(self._own, node, ("joint", "joints"))
-        several = said.get("joints")
-        return str(said.get("joint") or (several[0] if isinstance(several, list) and several else ""))
+        said = await self._own.parameters(node, ("joint", "joints"))
+        return str(said.get("joint") or next(iter(texts(said.get("joints"))), ""))
 
     def _position(self, joint: str) -> float:
         return self.parts.position(joint)

@@ -63,7 +63,7 @@ class RosSession:
         self._transports: list[Transport] = []
         self._subscriptions: list[_Subscription] = []
         self._joining = threading.RLock()
-        self._gid, self._sequence = secrets.token_bytes(GID_BYTES), 0
+        self._sender = _Sender()
         self._heard = _Tokens(self._join_bridge)
         if self._rmw is not None:
             self._keep(self._session.liveliness().declare_token(self._rmw.node_token))
@@ -113,7 +113,7 @@ class RosSession:
                 key,
                 _until_reply(ended, service.name, longest),
                 payload=request,
-                attachment=self._attachment() if transport.attaches else None,
+                attachment=self._sender.attachment() if transport.attaches else None,
                 timeout=_LONGEST_CALL_S,
                 consolidation=zenoh.ConsolidationMode.NONE,
                 cancellation_token=cancellation,
@@ -140,10 +140,6 @@ class RosSession:
         made = self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.DROP, express=True)
         self._keep(made)
         return made
-
-    def _attachment(self) -> bytes:
-        self._sequence += 1
-        return attachment(self._sequence, time.time_ns(), self._gid)
 
     def _listen_to_tokens(self, transport: Transport) -> None:
         hear = zenoh.handlers.Callback(self._heard.listener(transport), indirect=False)
@@ -225,13 +221,25 @@ class _Tokens:
             self.version += 1
 
 
+class _Sender:
+    """The sender of messages or requests, which rmw_zenoh numbers."""
+
+    def __init__(self) -> None:
+        self._gid, self._sequence = secrets.token_bytes(GID_BYTES), 0
+
+    def attachment(self) -> bytes:
+        """Return the attachment of the next one."""
+        self._sequence += 1
+        return attachment(self._sequence, time.time_ns(), self._gid)
+
+
 class _Outlet:
     """A publisher of one topic, on the keys of all its subscribers."""
 
     def __init__(self, session: RosSession, topic: Interface) -> None:
         self._session, self._topic, self._version = session, topic, -1
         self._publishers: dict[str, tuple[Any, bool]] = {}
-        self._gid, self._sequence = secrets.token_bytes(GID_BYTES), 0
+        self._sender = _Sender()
 
     @property
     def has_subscribers(self) -> bool:
@@ -239,8 +247,7 @@ class _Outlet:
 
     def put(self, payload: bytes) -> None:
         """Publish without waiting. Raises zenoh.ZError if the session is closed."""
-        self._sequence += 1
-        said = attachment(self._sequence, time.time_ns(), self._gid)
+        said = self._sender.attachment()
         for publisher, attaches in self._current():
             publisher.put(payload, attachment=said if attaches else None)
 

@@ -96,10 +96,10 @@ class RosMode(kinds.Mode):
     The agent moves nothing while a stop is active. The mode is chosen at the robot's own controls.
     """
 
-    def __init__(
-        self, safety: Inbox | None, scaling: Inbox | None, unlock: Callable[[], Any] | None, name: str = "mode"
-    ) -> None:
-        self.name, self._safety, self._scaling, self._unlock = name, safety, scaling, unlock
+    name = "mode"
+
+    def __init__(self, safety: Inbox | None, scaling: Inbox | None, unlock: Callable[[], Any] | None) -> None:
+        self._safety, self._scaling, self._unlock = safety, scaling, unlock
 
     def on_tick(self, now_s: float) -> None:
         if self._safety is not None and (said := self._safety.newest()):

@@ -99,8 +99,8 @@ class MessageType:
 
 
 @dataclass(frozen=True)
-class ServiceType:
-    """The type of a service."""
+class _TypeOfParts:
+    """A type that consists of the types of messages."""
 
     itself: MessageType
 
@@ -111,6 +111,10 @@ class ServiceType:
     @property
     def hash(self) -> str:
         return self.itself.hash
+
+
+class ServiceType(_TypeOfParts):
+    """The type of a service."""
 
     @property
     def request(self) -> MessageType:
@@ -121,19 +125,8 @@ class ServiceType:
         return self.itself.part("_Response")
 
 
-@dataclass(frozen=True)
-class ActionType:
+class ActionType(_TypeOfParts):
     """The type of an action, and of the services and the topic that it consists of."""
-
-    itself: MessageType
-
-    @property
-    def name(self) -> str:
-        return self.itself.name
-
-    @property
-    def hash(self) -> str:
-        return self.itself.hash
 
     @property
     def goal(self) -> MessageType:
