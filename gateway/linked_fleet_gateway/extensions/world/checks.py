@@ -4,7 +4,6 @@ A robot without a placement is not checked. A motion is refused unless its path 
 """
 
 import asyncio
-import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
 from types import TracebackType
@@ -33,15 +32,14 @@ from linked_fleet_gateway.extensions.world.messages import (
     Surveyed,
     UncheckedNear,
 )
+from linked_fleet_gateway.extensions.world.nearby import Surroundings
 from linked_fleet_gateway.extensions.world.placement import (
     LF,
-    accepts_unchecked,
     has_placement,
-    placement_of,
     pose_in_world,
 )
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
-from linked_fleet_gateway.extensions.world.questions import Questions, base_of
+from linked_fleet_gateway.extensions.world.questions import Questions
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.faces import ALL, View, unchecked_links
@@ -49,7 +47,6 @@ from linked_fleet_gateway.fleet.driving import Drive, FollowedPath, placed
 from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
-from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.serving import Act, Live, Worker
 
 
@@ -67,14 +64,10 @@ _FLOOR = 0.95
 _SLOWER = (1.0, 0.8, 0.4)
 """The largest share of the speed before that is tried next: one that nearly fits needs little less."""
 """Share of the speed that seems to fit at which a drive is checked anew, because its way changes a little."""
-EARLY_S = 30.0
-"""Longest wait of a motion for the start of the process and for shapes that are being prepared."""
 _TIMEOUT_S = 3.0  # for a check including its wait for a turn and for the processor
 _ANSWER_S = 10.0
 MOST_WAITING = 16
 MOST_EARLY = 64
-NEAR_M = 25.0
-"""Robots whose roots are further apart than this are not checked against each other."""
 
 
 class Checks:
@@ -99,6 +92,7 @@ class Checks:
         self._live, self._objects, self._maps = live, objects, maps
         self._checker = Checker(folder, idle_s)
         self._preparation = Preparation(live, meshes, self._checker)
+        self._nearby = Surroundings(live, self._preparation, objects, maps)
         self._collisions = collisions or Collisions(live.fan_out.mark_changed)
         self._refusals = Refusals(live.fleet.robots, objects, maps)
         self._waiting = self._early = 0
@@ -115,6 +109,11 @@ class Checks:
         await self._preparation.close()
         await self._checker.close()
 
+    def asked_elsewhere(self, preparation: Preparation) -> tuple[Surroundings, Questions]:
+        """Return what is around robots, and the questions about their motions, for the process of ``preparation``."""
+        nearby = Surroundings(self._live, preparation, self._objects, self._maps)
+        return nearby, Questions(self._live, preparation, self._driving, self._jogs, self._objects, self._maps)
+
     @property
     def prepared(self) -> bool:
         """True if the shapes of all placed robots are prepared, as far as available."""
@@ -129,7 +128,7 @@ class Checks:
         self._early += 1
         try:
             with self._checker.in_use():  # it does not end before the check
-                await self._prepare(self._perhaps_around(robot))
+                await self._nearby.prepare(self._nearby.perhaps_around(robot))
         finally:
             self._early -= 1
 
@@ -147,7 +146,7 @@ class Checks:
         try:
             with self._checker.in_use():  # between the preparation and the check too
                 # Mostly they are prepared; the process may have ended since the motion waited for it.
-                if (why := await self._prepare(self._around(motion.robot, visible_robots))) is not None:
+                if (why := await self._nearby.prepare(self._nearby.around(motion.robot, visible_robots))) is not None:
                     raise Unchecked(why)
                 async with asyncio.timeout(_TIMEOUT_S):
                     return await self._check(motion, visible_robots, own_id)
@@ -156,19 +155,9 @@ class Checks:
         finally:
             self._waiting -= 1
 
-    async def _prepare(self, robots: Collection[Robot]) -> str | None:
-        """Prepare the robots, all objects and the map. Return why one of these cannot be prepared. Raises Unchecked."""
-        try:
-            async with asyncio.timeout(EARLY_S):
-                await self._preparation.prepare_robots(robots)
-                why = await self._preparation.prepare_objects(self._objects)
-                return why or await self._preparation.prepare_map(self._maps.get(MAP_ID))
-        except TimeoutError as error:
-            raise Unchecked("The shapes around the robot are still being prepared; try again.") from error
-
     async def _check(self, motion: Motion, sees: View, own: str) -> Finding:
         # Nothing is awaited between the next two steps, so that no robot that has come meanwhile is left out.
-        robots = self._prepared_around(motion.robot, sees)
+        robots = self._nearby.prepared_around(motion.robot, sees)
         if isinstance(act := motion.motion, Act) and act.drive is not None:
             return await self._check_drive(motion.robot, act.drive, robots, sees, own)
         if own and isinstance(act, Act) and act.path is not None:
@@ -212,9 +201,9 @@ class Checks:
         """Return what stands around a robot with a placement, prepared if needed. Raises Unchecked, Busy."""
         await self.wait_until_ready(robot, sees)
         with self._checker.in_use():
-            if (why := await self._prepare(self._around(robot, sees))) is not None:
+            if (why := await self._nearby.prepare(self._nearby.around(robot, sees))) is not None:
                 raise Unchecked(why)
-            question = self._questions.survey(robot, self._prepared_around(robot, sees), sees)
+            question = self._questions.survey(robot, self._nearby.prepared_around(robot, sees), sees)
             answer = await self._checker.ask(question, _ANSWER_S)
         if not isinstance(answer, Surveyed):
             reason = answer.reason if isinstance(answer, CheckFailed) else "the check process gave another answer"
@@ -229,11 +218,13 @@ class Checks:
         ``near`` are the others that it could meet; None means that this is unknown.
         """
         with self._checker.in_use():
-            robots = self._prepared(robot, self._around(robot, ALL) if near is None else self._among(robot, near), ALL)
+            robots = self._nearby.prepared(
+                robot, self._nearby.around(robot, ALL) if near is None else self._nearby.among(robot, near), ALL
+            )
             question = self._questions.followed(robot, path, robots, ALL, own, as_they_are=True)
             answer = await self._checker.ask(question, _ANSWER_S)
         if isinstance(answer, CollisionFound):
-            raise self._collision(robot, answer)
+            raise self.collision(robot, answer)
         if isinstance(answer, CheckFailed):
             raise Unchecked(answer.reason)
 
@@ -253,7 +244,7 @@ class Checks:
             share *= min(_FLOOR * slower.fitting_share(answer.share), _SLOWER[min(attempt, len(_SLOWER) - 1)])
             if drive.slowed(share).is_too_slow:
                 break
-            limited = self._collision(robot, answer).reason
+            limited = self.collision(robot, answer).reason
         found = self._finding(robot, answer)
         if own:
             self._begin(robot, slower)
@@ -265,14 +256,15 @@ class Checks:
         else:
             self._driving.begin(robot, drive)
 
-    def _collision(self, robot: Robot, answer: CollisionFound) -> Collides:
+    def collision(self, robot: Robot, answer: CollisionFound) -> Collides:
+        """Return the refusal of a motion that would meet something."""
         assert robot.model is not None  # of a prepared robot
         return self._refusals.collision(robot, robot.model, answer)
 
     def _finding(self, robot: Robot, answer: Answer) -> Finding:
         """Return what was found. Raises Collides, UncheckedLinks, Unchecked."""
         if isinstance(answer, CollisionFound):
-            collides = self._collision(robot, answer)
+            collides = self.collision(robot, answer)
             self._collisions.add(robot.name, collides)
             raise collides
         if isinstance(answer, CheckFailed):
@@ -285,62 +277,6 @@ class Checks:
         known = [robot, *(each for each in near if each is not None)]
         return Finding(answer.covered, tuple(link for each in known for link in unchecked_links(each)))
 
-    def _around(self, robot: Robot, sees: View) -> list[Robot]:
-        """Return the robots near enough to collide, including the robot itself. Raises Unchecked."""
-        for each in self._live.fleet.robots.values():
-            if has_placement(each) and placement_of(each) is None:  # it may be anywhere
-                raise Unchecked(f"The placement of {_name(each, sees)} cannot be read; PUT or DELETE it.")
-        if not is_placed(robot):
-            raise Unchecked(f"{robot.name} has no placement or no description any more.")
-        here = base_of(robot, sees).position_m
-        found = []
-        for each in self._live.fleet.robots.values():
-            if is_placed(each):
-                if math.dist(base_of(each, sees).position_m, here) <= NEAR_M:
-                    found.append(each)
-            elif self._is_unknown_near(each, here):
-                raise Unchecked(f"The shape of {_name(each, sees)} is unknown, because it has no usable description.")
-        return found
-
-    def _is_unknown_near(self, robot: Robot, here: Vector) -> bool:
-        """Return True if a robot without a usable description stands nearby, and its placement does not accept that."""
-        placement = placement_of(robot)
-        near = placement is not None and math.dist(placement.position_m, here) <= NEAR_M
-        return near and not accepts_unchecked(robot)
-
-    def _perhaps_around(self, robot: Robot) -> list[Robot]:
-        """Return the robots near enough to collide, and those whose place is not known yet."""
-        placed = {each.name: each for each in self._live.fleet.robots.values() if is_placed(each)}
-        bases = {name: pose_in_world(each, each.model.root) for name, each in placed.items() if each.model is not None}
-        here = bases.get(robot.name)
-        far = {
-            name
-            for name, there in bases.items()
-            if here is not None and there is not None and math.dist(there.position_m, here.position_m) > NEAR_M
-        }
-        return [each for name, each in placed.items() if name not in far]
-
-    def _prepared_around(self, robot: Robot, sees: View) -> list[Robot]:
-        """Return the robots near enough to collide. Raises Unchecked if one of them is not prepared."""
-        return self._prepared(robot, self._around(robot, sees), sees)
-
-    def _among(self, robot: Robot, names: Collection[str]) -> list[Robot]:
-        """Return a robot and those of others that are still there."""
-        return [robot, *(self._live.fleet.robots[name] for name in names if name in self._live.fleet.robots)]
-
-    def _prepared(self, robot: Robot, robots: list[Robot], sees: View) -> list[Robot]:
-        """Return these robots. Raises Unchecked if one of them is not prepared."""
-        for each in robots:
-            if (why := self._preparation.unprepared_reason(each, beside=each is not robot)) is not None:
-                seen = sees.includes(each.name)
-                name, why = (each.name, why) if seen else ("another robot", "ask again")
-                raise Unchecked(f"The shape of {name} is not known yet: {why}.")
-        return robots
-
 
 def _way_is_unknown(motion: Motion) -> bool:
     return isinstance(act := motion.motion, Act) and act.drive is None and act.path is None
-
-
-def _name(robot: Robot, sees: View) -> str:
-    return robot.name if sees.includes(robot.name) else "another robot"

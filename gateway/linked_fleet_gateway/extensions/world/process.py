@@ -12,6 +12,7 @@ from contextlib import AbstractContextManager
 from functools import lru_cache
 from hashlib import blake2b
 from pathlib import Path
+from typing import Any
 
 import msgspec
 
@@ -45,14 +46,22 @@ NO_ANSWER = CheckFailed("the process that checks motions gave no answer")
 
 
 class Checker:
-    """Sends one question at a time. Meshes are cached in ``folder``."""
+    """Sends one question at a time. Meshes are cached in ``folder``. The process may answer further questions."""
 
-    def __init__(self, folder: Path, idle_s: float = Worker.IDLE_S) -> None:
+    MODULE = "linked_fleet_gateway.extensions.world.check_process"
+
+    def __init__(
+        self,
+        folder: Path,
+        idle_s: float = Worker.IDLE_S,
+        module: str = MODULE,
+        answers: "msgspec.msgpack.Decoder[Any]" = _ANSWERS,
+    ) -> None:
         self._known: set[str] = set()
         self._known_before = frozenset[str]()
-        self._process = QuestionProcess[Question, Answer](
-            "linked_fleet_gateway.extensions.world.check_process",
-            _ANSWERS,
+        self._process = QuestionProcess[Any, Any](
+            module,
+            answers,
             str(folder),
             idle_s=idle_s,
             on_idle=self._end_idle,
@@ -92,7 +101,7 @@ class Checker:
         if not self._process.running:
             self._known.clear()
         try:
-            answer = await self._process.ask(question, timeout_s)
+            answer: Answer = await self._process.ask(question, timeout_s)
         except NoReply:
             self._forget()
             return NO_ANSWER

@@ -19,7 +19,7 @@ from linked_fleet_gateway.actions.plan import TIME_TO_LIVE_NS, Motion, RobotTime
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.models.meshes import Meshes
-from linked_fleet_gateway.extensions.world import checks
+from linked_fleet_gateway.extensions.world import checks, nearby
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked, UncheckedLinks
 from linked_fleet_gateway.extensions.world.floor_map import ID, FloorMap
@@ -47,7 +47,7 @@ IN_THE_WAY = msgspec.json.encode(Pose((-0.1, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))).d
 @pytest.fixture(autouse=True)
 def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
     """A busy machine takes longer than the limits to start the process."""
-    monkeypatch.setattr(checks, "EARLY_S", PATIENCE_S)
+    monkeypatch.setattr(nearby, "EARLY_S", PATIENCE_S)
     monkeypatch.setattr(checks, "_TIMEOUT_S", PATIENCE_S)
 
 
@@ -142,13 +142,13 @@ async def test_a_motion_waits_for_the_shapes_of_its_robot(tmp_path: Path) -> Non
 async def test_a_motion_waits_for_shapes_until_the_limit_and_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(checks, "EARLY_S", 0.01)
+    monkeypatch.setattr(nearby, "EARLY_S", 0.01)
     async with scene_in(tmp_path) as scene:
         robot = scene.robot("early")
         with pytest.raises(Unchecked) as refused:
             await scene.checks.wait_until_ready(robot, ALL)
         assert (refused.value.status, refused.value.headers["Retry-After"]) == (503, "2")
-        monkeypatch.setattr(checks, "EARLY_S", PATIENCE_S)
+        monkeypatch.setattr(nearby, "EARLY_S", PATIENCE_S)
         scene.let["early"].set()  # what was begun has continued
         await scene.checks.wait_until_ready(robot, ALL)
         assert await scene.is_free(robot)

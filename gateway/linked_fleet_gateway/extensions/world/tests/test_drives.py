@@ -17,7 +17,7 @@ from linked_fleet_gateway.actions.plan import Act, Motion, RobotTime, slowed
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.models.meshes import Meshes
-from linked_fleet_gateway.extensions.world import checks
+from linked_fleet_gateway.extensions.world import checks, nearby
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides
 from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
@@ -135,7 +135,7 @@ class Floor:
 
 @pytest.fixture(autouse=True)
 def _patience(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checks, "EARLY_S", 60.0)
+    monkeypatch.setattr(nearby, "EARLY_S", 60.0)
     monkeypatch.setattr(checks, "_TIMEOUT_S", 60.0)
 
 
