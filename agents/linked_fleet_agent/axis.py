@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 from linked_fleet_agent.plan import Start
 from linked_fleet_agent.robot import JointFacts, Limits
-from linked_fleet_agent.trajectory import RAMP_S, Trajectory, brake, cruise_of, hold, reach
+from linked_fleet_agent.trajectory import Trajectory, brake, hold, reach
+from linked_fleet_agent.urdf.cruise import RAMP_S, cruise_of
 from linked_fleet_agent.urdf.facts import TOLERANCE_M, TOLERANCE_RAD
 
 # A stopped joint must be measured in one place for this long.

@@ -12,7 +12,8 @@ from linked_fleet_agent.joint_ramp import ramp_s, toward
 from linked_fleet_agent.plan import cruise_from
 from linked_fleet_agent.robot import JointFacts
 from linked_fleet_agent.safety import far_outside
-from linked_fleet_agent.trajectory import RAMP_S, brake, cruise_of, from_accelerations
+from linked_fleet_agent.trajectory import brake, from_accelerations
+from linked_fleet_agent.urdf.cruise import RAMP_S, cruise_of
 
 _SOON_S = 0.03
 """A joint brakes so long before it has to, because steps are not equally long."""

@@ -15,7 +15,8 @@ from linked_fleet_agent.jog import Jog
 from linked_fleet_agent.plan import Plan, Start, joints_of
 from linked_fleet_agent.robot import JointFacts
 from linked_fleet_agent.setpoints import Setpoints
-from linked_fleet_agent.trajectory import RAMP_S, Trajectory, cruise_of, hold, reach_in
+from linked_fleet_agent.trajectory import Trajectory, hold, reach_in
+from linked_fleet_agent.urdf.cruise import RAMP_S, cruise_of
 from linked_fleet_agent.wire.messages import Follow, Move, StreamCounts
 
 # A joint that nothing drives, and that is further from its setpoint, moves or has a sensor that has jumped.

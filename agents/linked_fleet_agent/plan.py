@@ -5,7 +5,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from linked_fleet_agent.robot import JointFacts
-from linked_fleet_agent.trajectory import RAMP_S, Trajectory, brake, cruise_of, reach, reach_in, through_waypoints
+from linked_fleet_agent.trajectory import Trajectory, brake, reach, reach_in, through_waypoints
+from linked_fleet_agent.urdf.cruise import RAMP_S, cruise_of
 from linked_fleet_agent.wire.messages import Follow, Move
 
 SPEED_SHARE = 0.9  # share of the speed that a command allows, because real joints ripple about their setpoint

@@ -10,7 +10,7 @@ import math
 from collections.abc import Collection, Iterable, Mapping
 
 from linked_fleet_agent.robot import JointFacts
-from linked_fleet_agent.trajectory import MAX_CRUISE_M_S, MAX_CRUISE_RAD_S
+from linked_fleet_agent.urdf.cruise import MAX_CRUISE_M_S, MAX_CRUISE_RAD_S
 
 _log = logging.getLogger(__name__)
 

@@ -1,8 +1,6 @@
 """Trajectories of one joint as sequences of cubics, and trapezoidal velocity profiles for them.
 
-Pure; rad, rad/s or m, m/s, and seconds. A joint cruises at CRUISE_SHARE of its URDF velocity limit at most, so that the
-real joint with its lag and ripple stays below the limit. The cruise speed is also capped at a value for machines among
-people.
+Pure; rad, rad/s or m, m/s, and seconds.
 """
 
 import math
@@ -13,7 +11,7 @@ from itertools import pairwise
 from operator import attrgetter
 from typing import NamedTuple
 
-from linked_fleet_agent.urdf.facts import JointFacts
+from linked_fleet_agent.urdf.cruise import RAMP_S
 from linked_fleet_agent.urdf.limits import Limits
 
 
@@ -144,21 +142,8 @@ def _slope(before: tuple[float, float], after: tuple[float, float]) -> float:
     return (weight_before + weight_after) / (weight_before / slope_before + weight_after / slope_after)
 
 
-CRUISE_SHARE = 0.8
-MAX_CRUISE_RAD_S, MAX_CRUISE_M_S = 1.5, 0.25
-# For joints whose URDF states no velocity limit.
-UNKNOWN_CRUISE_RAD_S, UNKNOWN_CRUISE_M_S = 0.5, 0.05
-RAMP_S = 0.4
 # Shorter distances are rounding errors.
 _NO_WAY = 1e-12
-
-
-def cruise_of(joint: JointFacts) -> float:
-    """Return the highest setpoint speed of ``joint``, in rad/s or m/s."""
-    limit = joint.limits.velocity
-    if limit is None:
-        return UNKNOWN_CRUISE_M_S if joint.linear else UNKNOWN_CRUISE_RAD_S
-    return min(CRUISE_SHARE * limit, MAX_CRUISE_M_S if joint.linear else MAX_CRUISE_RAD_S)
 
 
 def brake(position: float, velocity: float, acceleration: float, limits: Limits) -> Trajectory:

@@ -15,7 +15,7 @@ from linked_fleet_agent.plan import OUTSIDE_SHARE, ImpossibleError, joints_of, p
 from linked_fleet_agent.robot import JointFacts, Limits
 from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.setpoints import rate_of
-from linked_fleet_agent.trajectory import RAMP_S, cruise_of
+from linked_fleet_agent.urdf.cruise import RAMP_S, cruise_of
 from linked_fleet_agent.wire.messages import Follow, Move
 from sensor_faults import EVENTS, Event, shown_position
 

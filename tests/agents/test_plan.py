@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from linked_fleet_agent.plan import ImpossibleError, Start, joints_of, plan
 from linked_fleet_agent.robot import JointFacts, Limits
-from linked_fleet_agent.trajectory import RAMP_S, cruise_of
+from linked_fleet_agent.urdf.cruise import RAMP_S, cruise_of
 from linked_fleet_agent.wire.messages import Follow, Move
 
 ARM = JointFacts("arm", limits=Limits(-3.0, 3.0, 1.0, 5.0))

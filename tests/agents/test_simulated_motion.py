@@ -11,7 +11,7 @@ import pytest
 from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.robot import JointFacts, Robot
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder, load, poses_of
-from linked_fleet_agent.trajectory import cruise_of
+from linked_fleet_agent.urdf.cruise import cruise_of
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import Accepted, Command, Follow, Move, Progress, Reply, State, Stop
 

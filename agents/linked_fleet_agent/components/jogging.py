@@ -14,7 +14,7 @@ from linked_fleet_agent.components.schemas import unit
 from linked_fleet_agent.components.velocity_runs import VelocityRuns
 from linked_fleet_agent.motion import Motions
 from linked_fleet_agent.robot import JointFacts
-from linked_fleet_agent.trajectory import RAMP_S, cruise_of
+from linked_fleet_agent.urdf.cruise import RAMP_S, cruise_of
 from linked_fleet_agent.wire.components import StreamLimits
 from linked_fleet_agent.wire.kinds import LF
 from linked_fleet_agent.wire.schema import MAX_MEMBERS

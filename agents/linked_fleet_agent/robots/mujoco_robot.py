@@ -21,7 +21,7 @@ from linked_fleet_agent.robots.simulated_base import RollingBase, SimulatedBase
 from linked_fleet_agent.robots.simulated_fingers import Fingers
 from linked_fleet_agent.robots.simulated_parts import Measured, SimulatedMode, components_of
 from linked_fleet_agent.robots.walking_base import WalkingBase
-from linked_fleet_agent.trajectory import cruise_of
+from linked_fleet_agent.urdf.cruise import cruise_of
 from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
 
 # After a stall the simulation catches up by this much at most, so that a slow host does not fall behind further.

@@ -118,7 +118,8 @@ def build_motion(request: ActionRequest, motion: Move | Follow, targets: Mapping
     if len(expects) < len(preconditions):
         raise UnprocessableContent("Two preconditions name the same joint; each joint is in one place.")
     tied = body.node(body.root, LF.tiedTo) is not None
-    return Motion(robot, motion, targets, request.required_time(), min(scale or 1.0, robot.speed_scale), expects, tied)
+    scale = min(scale or 1.0, robot.speed_scale)
+    return Motion(robot, motion, targets, request.required_time(), scale, expects, tied, request=request)
 
 
 def _expectation(request: ActionRequest, node: Node) -> tuple[str, Expectation]:

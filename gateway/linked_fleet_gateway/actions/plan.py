@@ -61,7 +61,8 @@ class Motion(Struct, frozen=True):
     ``targets`` are the final positions (rad or m), ``speed_scale`` the share of the robot's speed, ``expectations``
     required positions at the start. A motion that is ``tied_to_lease`` stops when the lease ends. ``facts`` are further
     values to report, by name (SI). ``computing_ns`` is the time that the plan took. It begins before
-    ``until_ns`` of the robot's clock, if that is not 0.
+    ``until_ns`` of the robot's clock, if that is not 0. ``request`` is what was asked for; ``detour`` says why it takes
+    another path than the direct one, if it does.
     """
 
     robot: Robot
@@ -74,6 +75,8 @@ class Motion(Struct, frozen=True):
     facts: Mapping[str, float] = {}
     computing_ns: int = 0
     until_ns: int = 0
+    request: "ActionRequest | None" = None
+    detour: str = ""
 
     @property
     def moves(self) -> bool:
@@ -148,7 +151,7 @@ class Caller(Struct, frozen=True):
 
     ``idempotency_key`` belongs to the request with ``request_digest``. ``body`` is the validated body as N-Triples.
     ``stoppable_robots`` are the robots that it may stop, ``visible_robots`` those that it may know of. ``rule`` is the
-    rule that acts for its creator, or empty.
+    rule that acts for its creator, or empty. ``patience_s`` is how long it waits for an answer, if it says so.
     """
 
     name: str = ""
@@ -159,6 +162,7 @@ class Caller(Struct, frozen=True):
     stoppable_robots: View = ALL
     visible_robots: View = ALL
     rule: str = ""
+    patience_s: float | None = None
 
 
 def robot_time(robot: Robot | None) -> RobotTime | None:

@@ -14,7 +14,7 @@ from msgspec.structs import replace as replace_struct
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.components import Operate
-from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Refused, Reply, Stop
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Follow, Move, Refused, Reply, Stop
 from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler, Plan
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
 from linked_fleet_gateway.actions.opening import Opening
@@ -77,13 +77,33 @@ class MotionGuard(Protocol):
         """
 
 
+class Paths(Protocol):
+    """The paths that a motion may take, one after the other."""
+
+    async def next(self, refused: MotionRefused | None) -> Motion | None:
+        """Return the motion on its first path, or on another one after the guards have ``refused`` the last.
+
+        It is None if there is no other one. Raises MotionRefused, Conflict, UnprocessableContent, Busy.
+        """
+
+
+class MotionPlanner(Protocol):
+    """Finds the paths of motions."""
+
+    def paths(self, motion: Motion, caller: Caller, own_id: str) -> Paths | None:
+        """Return the paths of a motion; None if it takes the direct one only.
+
+        ``own_id`` is its invocation, empty for a rehearsal. Raises FleetError.
+        """
+
+
 @dataclass(frozen=True)
 class Rehearsal:
     """The result of a rehearsal: duration, and ids of the invocations that it would end.
 
     ``findings``: whether each guard found the path free, by its predicate. ``unchecked``: the links that the guards
     did not cover, each after its path. ``facts`` are further values, by name (SI). ``limited`` says why the guards
-    reduce its speed.
+    reduce its speed. ``path`` is the one that was planned, and ``detour`` why it is not the direct one.
     """
 
     duration_s: float
@@ -92,6 +112,8 @@ class Rehearsal:
     unchecked: tuple[tuple[str, UncheckedLink], ...] = ()
     facts: Mapping[str, float] = field(default_factory=dict)
     limited: str = ""
+    path: Follow | None = None
+    detour: str = ""
 
 
 class Actions:
@@ -100,6 +122,7 @@ class Actions:
     def __init__(self, live: Live, store: ActionStore, max_motions: int) -> None:
         self._live, self._store = live, store
         self._guards: list[MotionGuard] = []
+        self.planner: MotionPlanner | None = None
         self.handlers: dict[NamedNode, Handler] = dict(HANDLERS)
         """The handler of each kind of action."""
         self.lifecycle = Lifecycle(live, store)
@@ -202,14 +225,15 @@ class Actions:
         """
         began_ns = time.monotonic_ns()
         try:
-            found = await self._findings(motion, caller, invocation.id)
-        except MotionRefused as error:
+            motion, found = await self._on_free_path(motion, caller, invocation.id)
+        except FleetError as error:
             self._record_guard(invocation, error)
             raise
         except Exception:  # of whatever kind: others have seen the motion, and it must not stay accepted
             self.lifecycle.fail(invocation, "it could not be checked")
             raise
         invocation.unchecked = _unchecked(found)
+        invocation.detour = motion.detour
         motion, invocation.limited = _limited(motion, found)
         invocation.facts = dict(motion.facts)
         until_ns = max((each.until_ns for each in found.values()), default=0)
@@ -223,9 +247,9 @@ class Actions:
             self._record_guard(invocation, error)
             raise
 
-    def _record_guard(self, invocation: Invocation, error: MotionRefused) -> None:
+    def _record_guard(self, invocation: Invocation, error: FleetError) -> None:
         invocation.refused = error.code
-        self.lifecycle.fail(invocation, error.reason)
+        self.lifecycle.fail(invocation, error.reason if isinstance(error, MotionRefused) else str(error.detail))
 
     async def _check_lease(self, invocation: Invocation, caller: Caller) -> None:
         """Check again if the caller may move the robot, because its lease has changed during the check of the motion.
@@ -238,6 +262,23 @@ class Actions:
         except FleetError:
             self.lifecycle.fail(invocation, "control of the robot changed while the motion was checked")
             raise
+
+    async def _on_free_path(self, motion: Motion, caller: Caller, own: str) -> tuple[Motion, dict[NamedNode, Finding]]:
+        """Return a motion on the first of its paths that the guards do not refuse, and their findings.
+
+        Raises MotionRefused, and what its planner raises.
+        """
+        paths = None if self.planner is None or not motion.moves else self.planner.paths(motion, caller, own)
+        if paths is None:
+            return motion, await self._findings(motion, caller, own)
+        refused: MotionRefused | None = None
+        while (planned := await paths.next(refused)) is not None:
+            try:
+                return planned, await self._findings(planned, caller, own)
+            except MotionRefused as error:
+                refused = error
+        assert refused is not None
+        raise refused
 
     async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, Finding]:
         """Return the finding of each guard about what moves. Raises MotionRefused."""
@@ -286,7 +327,7 @@ class Actions:
             self.lifecycle.stops.check_motion(robot.name)
         await self._opening.check(robot.name, caller, required_lease_id(robot) if motion.tied_to_lease else "")
         began_ns = time.monotonic_ns()
-        findings = await self._findings(motion, caller, "")
+        motion, findings = await self._on_free_path(motion, caller, "")
         waited_ns += self._stalls.elapsed_ns(began_ns)
         motion, limited = _limited(motion, findings)
         try:
@@ -297,7 +338,9 @@ class Actions:
         if isinstance(reply, Refused):
             raise agent_refusal(robot, reply)
         free = {predicate: finding.free for predicate, finding in findings.items()}
-        return Rehearsal(reply.duration_s, reply.preempts, free, _unchecked(findings), dict(motion.facts), limited)
+        unchecked, facts, path = _unchecked(findings), dict(motion.facts), motion.motion if motion.detour else None
+        assert not isinstance(path, Move | Act)  # a planned path has waypoints
+        return Rehearsal(reply.duration_s, reply.preempts, free, unchecked, facts, limited, path, motion.detour)
 
     async def _send(self, invocation: Invocation, command: Command | Operate) -> Reply:
         try:

@@ -276,6 +276,8 @@ async def _mount(extension: Extension, core: Core, stack: AsyncExitStack) -> Mou
     core.actions.handlers.update(found.handlers)
     if found.guard is not None:
         core.actions.add_guard(found.guard)
+    if found.planner is not None:
+        core.actions.planner = found.planner
     return found
 
 

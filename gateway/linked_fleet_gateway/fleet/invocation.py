@@ -117,6 +117,7 @@ class Invocation:
     feedback: str = ""
     outcome: str = ""
     limited: str = ""
+    detour: str = ""
     stream: StreamCounts | None = None
 
     @property

@@ -15,7 +15,7 @@ from starlette.types import ASGIApp
 from linked_fleet_gateway.actions.action_handlers import Handler
 from linked_fleet_gateway.actions.execution import invoke
 from linked_fleet_gateway.actions.plan import Caller, RobotTime
-from linked_fleet_gateway.actions.service import Actions, MotionGuard
+from linked_fleet_gateway.actions.service import Actions, MotionGuard, MotionPlanner
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.base.settings import Section, SectionT, section
 from linked_fleet_gateway.fleet.functions import FleetFunctions
@@ -318,6 +318,8 @@ class Mount:
     """Handlers of the kinds of actions of the extension."""
     guard: MotionGuard | None = None
     """Guard of motions before they are accepted. It fails closed."""
+    planner: MotionPlanner | None = None
+    """Finds other paths for motions than the direct ones; at most one extension has it."""
     not_ready: Callable[[], str] = str
     """Returns the reason why a starting gateway is not ready yet; empty if it is."""
     metrics: Callable[[], Iterable[Metric]] = tuple

@@ -119,7 +119,7 @@ async def end_invocation(request: Request, affordance: EndInvocation) -> Respons
     return Response(status_code=204)
 
 
-def _action_caller(request: Request, admitted: "_Admitted") -> Caller:
+def _action_caller(request: Request, admitted: "_Admitted", patience_s: float | None) -> Caller:
     """Return the caller. Raises BadRequest for a malformed Idempotency-Key or Lock-Token."""
     token, key = lock_token(request), _key(request)
     return Caller(
@@ -129,6 +129,7 @@ def _action_caller(request: Request, admitted: "_Admitted") -> Caller:
         _digest(request, admitted.content) if key else "",
         admitted.written,
         visible_robots=request.caller.visible_robots,
+        patience_s=patience_s,
     )
 
 
@@ -235,7 +236,7 @@ async def _carry_out(
     request: Request, offer: Offer, admitted: _Admitted, moment: RobotTime | None, prefer: Prefer
 ) -> Response:
     actions: Actions = request.services.actions
-    asking = _action_caller(request, admitted)
+    asking = _action_caller(request, admitted, prefer.wait_s)
     with child_span("plan"):
         plan = await make_plan(actions, offer, request.base, admitted.body, moment)
     with _located(request.base):
@@ -303,6 +304,8 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, 
             rehearsed.findings,
             rehearsed.unchecked,
             rehearsed.limited,
+            rehearsed.path,
+            rehearsed.detour,
         )
 
     def plain() -> bytes:

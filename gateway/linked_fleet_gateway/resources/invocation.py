@@ -3,10 +3,12 @@
 Invocations are PROV-O activities with state, progress, target and result (paper 5.4, R0.8).
 """
 
+import math
 from collections.abc import Iterable, Mapping
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 
+from linked_fleet_agent.wire.messages import Follow
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
@@ -31,6 +33,8 @@ _FACTS: dict[str, tuple[NamedNode, Unit]] = {
     "orientationResidual": (LF.orientationResidual, RADIAN),
     "speedShare": (LF.speedScale, UNITLESS),
 }
+MOST_WAYPOINTS = 40
+"""Waypoints of a planned path that a rehearsal shows."""
 MOST_SUMMARISED = 100
 """Members of a container that are summarised; others are listed with their state only."""
 Unchecked = Iterable[tuple[str, UncheckedLink]]
@@ -71,7 +75,7 @@ def describe_invocation(
     _times(graph, iri, invocation)
     if invocation.reason:
         graph.add(iri, LF.reason, Literal(invocation.reason))
-    _add_limit(graph, iri, invocation.limited)
+    _add_limit(graph, iri, invocation.limited, invocation.detour)
     for name, value in invocation.facts.items():
         predicate, unit = _FACTS[name]
         graph.scalar(iri, predicate, value, unit)
@@ -107,11 +111,14 @@ def describe_rehearsal(
     findings: Mapping[NamedNode, bool],
     unchecked: Unchecked = (),
     limited: str = "",
+    path: Follow | None = None,
+    detour: str = "",
 ) -> None:
     """Describe the effect that the action would have, for the preference ``dry-run``.
 
     ``findings``: whether the guards of motions found the path free, by their predicates; False if it is unknown.
     ``unchecked``: the links that they did not cover. ``limited``: why they reduce its speed.
+    ``path`` is a path that was planned, and ``detour`` why it is not the direct one.
     """
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
@@ -122,16 +129,30 @@ def describe_rehearsal(
         graph.scalar(iri, predicate, value, unit)
     for predicate, free in findings.items():
         graph.add(iri, predicate, Literal(True) if free else LF.unknown)
-    _add_limit(graph, iri, limited)
+    _add_limit(graph, iri, limited, detour)
     describe_unchecked(graph, iri, base, unchecked)
     graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempts))
     if robot is not None:
         describe_positions(graph, iri, LF.target, base, robot, targets)
+        if path is not None:
+            _describe_path(graph, iri, base, robot, path)
 
 
-def _add_limit(graph: Graph, iri: Node, limited: str) -> None:
+def _describe_path(graph: Graph, iri: Node, base: str, robot: Robot, path: Follow) -> None:
+    """Add evenly chosen waypoints of a path, with its end."""
+    step = math.ceil(len(path.times_s) / MOST_WAYPOINTS)
+    for time_s, row in list(zip(path.times_s, path.positions, strict=True))[::-1][::step][::-1]:
+        node = graph.blank()
+        graph.add(iri, LF.waypoint, node)
+        graph.add(node, LF.atTime, number(round(time_s, 3)))
+        describe_positions(graph, node, LF.target, base, robot, dict(zip(path.joints, row, strict=True)))
+
+
+def _add_limit(graph: Graph, iri: Node, limited: str, detour: str) -> None:
     if limited:
         graph.add(iri, LF.limitedBecause, Literal(limited))
+    if detour:
+        graph.add(iri, LF.plannedBecause, Literal(detour))
 
 
 def unchecked_links(robot: Robot) -> tuple[tuple[str, UncheckedLink], ...]:

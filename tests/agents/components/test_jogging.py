@@ -11,7 +11,7 @@ from component_agent import Hand
 from jogged_arm import LIMITS, TICK_S, Jogged
 from linked_fleet_agent.components import Component, Grasped, Gripper, Mode, SpeedScale, action, value
 from linked_fleet_agent.components.kinds import Force, Holding, Width
-from linked_fleet_agent.trajectory import RAMP_S
+from linked_fleet_agent.urdf.cruise import RAMP_S
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.components import DescriptionWithComponents, read_declarations
 from linked_fleet_agent.wire.messages import Accepted, Refused

@@ -19,7 +19,6 @@ STEP_M = 0.002
 FINEST_M = 0.0001
 _FINER = round(STEP_M / FINEST_M)
 MOST_STEPS = 200_000
-_EASING = 3.0  # upper bound of a monotone cubic's speed relative to its mean
 
 
 class UnknownPosition(Exception):  # noqa: N818
@@ -65,7 +64,8 @@ def path_of(robot: Robot, way: MotionPath, joints: Sequence[str], weights: Array
     rows, legs, steps = [np.array([[way.start.get(name, math.nan) for name in joints]])], [], 0
     for before, after, leg in _between(robot, way):
         changes = np.array([abs(after.get(name, 0.0) - before.get(name, 0.0)) for name in joints])
-        far = float((weights @ np.nan_to_num(changes)).max(initial=0.0)) * (_EASING if leg.duration_s else 1.0)
+        changes *= _easing(before, leg)
+        far = float((weights @ np.nan_to_num(changes)).max(initial=0.0))
         if not far <= STEP_M * (MOST_STEPS - steps):  # also refuses NaN
             raise UnknownPosition("the path is too long to be checked; split the motion")
         count = max(1, math.ceil(far / STEP_M))
@@ -73,6 +73,23 @@ def path_of(robot: Robot, way: MotionPath, joints: Sequence[str], weights: Array
         rows.append(positions(np.arange(1, count + 1) / count))
         legs.append((steps, count, positions))
     return Path(tuple(joints), np.concatenate(rows), tuple(legs))
+
+
+def _easing(before: Positions, leg: PathSegment) -> float:
+    """Return a bound of the speed of the joints on a leg, relative to their mean speeds."""
+    if not leg.duration_s:
+        return 1.0
+    moved = [(name, end - before[name]) for name, end in leg.ends.items() if end != before[name]]
+    return max((_peak(leg, name, way) / abs(way) for name, way in moved), default=1.0)
+
+
+def _peak(leg: PathSegment, name: str, way: float) -> float:
+    """Return the highest speed of a joint that goes this way on a cubic leg, per share of the leg."""
+    enters, leaves = (each.get(name, 0.0) * leg.duration_s for each in (leg.start_velocities, leg.end_velocities))
+    a, b = 3.0 * (enters + leaves - 2.0 * way), 2.0 * (3.0 * way - 2.0 * enters - leaves)
+    turn = -b / (2.0 * a) if a else -1.0
+    middle = enters + turn * (b + turn * a) if 0.0 < turn < 1.0 else 0.0
+    return max(abs(enters), abs(leaves), abs(middle), abs(way))
 
 
 def _positions(robot: Robot, joints: Sequence[str], before: Positions, leg: PathSegment, shares: Array) -> Array:

@@ -5,7 +5,7 @@ cubics of Fritsch and Carlson, like the agent. Joints that another motion moves 
 position and their target. They are checked at both ends, and moving in parallel with this motion.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 
 from msgspec.structs import replace
@@ -57,17 +57,24 @@ def sampled_configurations(start: Positions, ends: Mapping[str, float]) -> tuple
 def _legs(motion: Move | Follow, start: Positions) -> tuple[PathSegment, ...]:
     if isinstance(motion, Move):
         return (PathSegment(dict(motion.targets)),)
-    times = (0.0, *motion.times_s)
-    rows = (tuple(start[joint] for joint in motion.joints), *motion.positions)
-    velocities = [_velocities(times, column) for column in zip(*rows, strict=True)]
+    return legs_through(motion.joints, motion.times_s, motion.positions, start)
+
+
+def legs_through(
+    joints: Sequence[str], times_s: Sequence[float], positions: Sequence[tuple[float, ...]], start: Positions
+) -> tuple[PathSegment, ...]:
+    """Return the legs of a trajectory through ``positions`` of ``joints`` at times after the start."""
+    times = (0.0, *times_s)
+    rows = (tuple(start[joint] for joint in joints), *positions)
+    velocities = [waypoint_velocities(times, column) for column in zip(*rows, strict=True)]
     legs = []
     for i, (before, after) in enumerate(pairwise(times)):
-        enters, leaves = ({j: v[at] for j, v in zip(motion.joints, velocities, strict=True)} for at in (i, i + 1))
-        legs.append(PathSegment(dict(zip(motion.joints, rows[i + 1], strict=True)), after - before, enters, leaves))
+        enters, leaves = ({j: v[at] for j, v in zip(joints, velocities, strict=True)} for at in (i, i + 1))
+        legs.append(PathSegment(dict(zip(joints, rows[i + 1], strict=True)), after - before, enters, leaves))
     return tuple(legs)
 
 
-def _velocities(times: Iterable[float], positions: Iterable[float]) -> list[float]:
+def waypoint_velocities(times: Iterable[float], positions: Iterable[float]) -> list[float]:
     """Return the velocities at the waypoints, from rest to rest (Fritsch and Butland, 1984)."""
     steps = [after - before for before, after in pairwise(times)]
     slopes = [(after - before) / step for (before, after), step in zip(pairwise(positions), steps, strict=True)]

@@ -1,0 +1,39 @@
+"""Refusals of motions for which no path is found."""
+
+from collections.abc import Sequence
+
+from linked_fleet_gateway.base.errors import Members, MotionRefused
+from linked_fleet_gateway.extensions.world.collisions import Collides
+from linked_fleet_gateway.fleet.xml import Vector
+
+
+class _InTheWay(MotionRefused):
+    """Something is in the way: ``things``, IRIs of the link of the robot and of the other body, with ``names``."""
+
+    status = 409
+
+    def __init__(self, detail: str, *, reason: str, met: Collides | None = None) -> None:
+        super().__init__(detail, reason=reason)
+        self.things: Sequence[str] = () if met is None else met.things
+        self.names: Sequence[str] = () if met is None else met.names
+        self.point: Vector | None = None if met is None else met.point
+
+    def locate(self, base: str) -> None:
+        self.things = [base + path for path in self.things]
+
+    @property
+    def members(self) -> Members:
+        place = {} if self.point is None else {"point": list(self.point)}
+        return {"things": list(self.things), "names": list(self.names), **place} if self.things else {}
+
+
+class GoalBlocked(_InTheWay):
+    """The robot would touch something where the motion ends."""
+
+    code, title = "goal-blocked", "Something is where the motion would end"
+
+
+class NoPathFound(_InTheWay):
+    """No path was found in the time for the search; there may be one."""
+
+    code, title = "no-path-found", "No path was found in time"

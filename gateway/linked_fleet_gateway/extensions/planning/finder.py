@@ -1,0 +1,172 @@
+"""The search for a path: RRT-Connect in the scene, shortened, as fast as allowed.
+
+Several searches with other random numbers compete for a while, because the first path found is seldom the shortest.
+The collision check judges the path after that, in a process of its own.
+"""
+
+import tempfile
+import time
+from collections.abc import Mapping
+from itertools import pairwise
+from pathlib import Path
+from typing import NamedTuple
+
+import coal
+import numpy as np
+from roboplan.core import (
+    JointConfiguration,
+    JointPath,
+    PathShortcutter,
+    PathShortcuttingOptions,
+    hasCollisionsAlongPath,
+)
+from roboplan.rrt import RRT, RRTOptions
+
+from linked_fleet_gateway.extensions.planning.clearance import touched
+from linked_fleet_gateway.extensions.planning.messages import BlockedAt, FindPath, NotFound, PathFound, PlanAnswer
+from linked_fleet_gateway.extensions.planning.planner_scene import PlannerScene, SceneWriter
+from linked_fleet_gateway.extensions.planning.timing import fastest, quickly_timed_s
+from linked_fleet_gateway.extensions.world.collision_check import Maps
+from linked_fleet_gateway.extensions.world.messages import CollisionFound, MotionPath, PathSegment, Positions
+from linked_fleet_gateway.extensions.world.path import configurations
+from linked_fleet_gateway.extensions.world.robot import Robot
+from linked_fleet_gateway.extensions.world.surfaces import Array
+from linked_fleet_gateway.extensions.world.surroundings import (
+    MARGIN_M,
+    StaticBody,
+    map_bodies,
+    object_bodies,
+    other_robot_bodies,
+)
+
+STEP = 0.05
+"""Steps in the space of joints (rad, m) at which a path is compared with what is around."""
+IMPROVING_S = 0.12
+"""Time for further searches after the first path."""
+_ENOUGH = 1.03
+"""A path no longer than this times the straight line is not searched for again."""
+_MOST_TRIES = 24
+_SHORTER_TRIES = 120
+_FIRST_SHARE = 0.4
+"""Share of the time for the first search: a second one with other random numbers may be luckier."""
+
+
+class _Candidate(NamedTuple):
+    path: JointPath
+    duration_s: float
+    length: float
+    direct: float
+
+
+def find(
+    asked: FindPath, robots: Mapping[str, Robot], objects: Mapping[str, coal.CollisionGeometry], maps: Maps
+) -> PlanAnswer:
+    """Answer a question; ``robots``, ``objects`` and ``maps`` are the prepared shapes by key."""
+    ends_s = time.monotonic() + asked.within_s
+    around, start = asked.around, asked.around.paths[0].start
+    ways = [MotionPath(start, (PathSegment(goal),)) for goal in asked.goals]
+    robot = robots[around.robot.key]
+    robot = robot.reaching(configurations(robot, ways))
+    things = [*object_bodies(around, objects), *other_robot_bodies(around, robots, robot.radius_m)]
+    things += map_bodies(around, maps, robot.radius_m + MARGIN_M)
+    goals, blocked = _free_goals(asked, robot, things)
+    if not goals:
+        assert blocked is not None
+        return BlockedAt("goal", blocked)
+    with tempfile.TemporaryDirectory(prefix="linked-fleet-plan-") as folder:
+        scene = SceneWriter(robot, start, asked.bounds, Path(folder)).build(things)
+        return _Search(asked, scene, ends_s).answer(goals)
+
+
+def _free_goals(
+    asked: FindPath, robot: Robot, things: list[StaticBody]
+) -> tuple[list[Positions], CollisionFound | None]:
+    """Return the goals at which the robot touches nothing, and what it touches at the first other one."""
+    start, met = asked.around.paths[0].start, None
+    found: list[Positions] = []
+    for goal in asked.goals:
+        there = touched(asked.around, robot, things, start, goal)
+        if there is None:
+            found.append(goal)
+        met = met or there
+    return found, met
+
+
+class _Search:
+    """The searches for one question."""
+
+    def __init__(self, asked: FindPath, made: PlannerScene, ends_s: float) -> None:
+        self._asked, self._scene, self._joints, self._ends_s = asked, made.scene, made.joints, ends_s
+        self._names = made.scene.getJointNames()
+        self._start = self._row(asked.around.paths[0].start)
+        self._tries = 0
+
+    def answer(self, goals: list[Positions]) -> PlanAnswer:
+        best = self._best(sorted(map(self._row, goals), key=self._far))
+        speeds = np.array([self._asked.bounds[name].speed for name in self._joints])
+        timed = None if best is None else fastest(self._scene, best.path, speeds)
+        if best is None or timed is None:
+            return NotFound()
+        rows = tuple(tuple(row) for row in timed.positions.tolist())
+        return PathFound(
+            self._joints, tuple(timed.times_s.tolist()[1:]), rows[1:], best.length, best.direct, self._tries
+        )
+
+    def _far(self, goal: Array) -> float:
+        return float(np.abs(goal - self._start).max())
+
+    def _best(self, goals: list[Array]) -> _Candidate | None:
+        """Return the fastest of the paths that several searches find; None if none was found in time."""
+        best: _Candidate | None = None
+        ends_s = self._ends_s
+        while time.monotonic() < ends_s and self._tries < _MOST_TRIES:
+            found = self._candidate(goals[self._tries % len(goals)])
+            if found is not None:
+                if best is None:
+                    ends_s = min(ends_s, time.monotonic() + IMPROVING_S)
+                if best is None or found.duration_s < best.duration_s:
+                    best = found
+                if best.length <= _ENOUGH * best.direct:
+                    break
+        return best
+
+    def _candidate(self, goal: Array) -> _Candidate | None:
+        path = self._path(goal)
+        duration_s = None if path is None else quickly_timed_s(self._scene, path)
+        if path is None or duration_s is None:
+            return None
+        points = [np.array(each) for each in path.positions]
+        length = sum(float(np.linalg.norm(after - before)) for before, after in pairwise(points))
+        return _Candidate(path, duration_s, length, float(np.linalg.norm(goal - self._start)))
+
+    def _path(self, goal: Array) -> JointPath | None:
+        """Return a path that the scene finds free, shortened; None if none was found in time."""
+        self._tries += 1
+        if self._tries == 1 and not hasCollisionsAlongPath(self._scene, self._start, goal, STEP):
+            straight = JointPath()
+            straight.joint_names, straight.positions = self._names, [self._start, goal]
+            return straight
+        left_s = self._ends_s - time.monotonic()
+        if left_s <= 0.0:
+            return None
+        seed = self._asked.seed + self._tries
+        rrt = RRT(self._scene, self._options(left_s * (_FIRST_SHARE if self._tries == 1 else 1.0)))
+        rrt.setRngSeed(seed)
+        try:
+            found = rrt.plan(JointConfiguration(self._names, self._start), JointConfiguration(self._names, goal))
+        except RuntimeError:  # not in time
+            return None
+        shorter = PathShortcuttingOptions(max_step_size=STEP, max_iters=_SHORTER_TRIES, seed=seed)
+        return PathShortcutter(self._scene, shorter).shortcut(found)
+
+    def _options(self, within_s: float) -> RRTOptions:
+        return RRTOptions(
+            max_nodes=1_000_000,
+            max_connection_distance=1.0,
+            collision_check_step_size=STEP,
+            max_planning_time=within_s,
+            rrt_connect=True,
+        )
+
+    def _row(self, positions: Positions) -> Array:
+        return np.array([positions[name] for name in self._joints])

@@ -1,0 +1,84 @@
+"""Shapes that are larger than others by a distance. Metre."""
+
+import coal
+import numpy as np
+import pinocchio as pin
+
+from linked_fleet_gateway.extensions.world.surfaces import Array, Indices, Surface, convex_hull
+from linked_fleet_gateway.extensions.world.surroundings import Shape
+from linked_fleet_gateway.fleet.xml import ModelError
+
+_SHARPEST = 0.5
+"""Least share of the distance by which a corner of a surface moves along each of its faces' normals."""
+Triangles = tuple[Array, Indices]
+"""Vertices, and rows of three indices into them."""
+Solids = list[tuple[coal.CollisionGeometry, pin.SE3]]
+
+
+def inflated(shape: Shape, by_m: float) -> tuple[Solids, Triangles | None]:
+    """Return a shape that contains all points within ``by_m`` of another: convex solids, or a surface.
+
+    A surface without a hull, such as that of an object, gets one beside each of its sides.
+    """
+    solid = shape.shape
+    if isinstance(solid, coal.Box):
+        return [(coal.Box(*(2 * (np.array(solid.halfSide).reshape(3) + by_m))), pin.SE3.Identity())], None
+    if isinstance(solid, coal.Sphere):
+        return [(coal.Sphere(solid.radius + by_m), pin.SE3.Identity())], None
+    if isinstance(solid, coal.Cylinder):
+        return [(coal.Cylinder(solid.radius + by_m, 2 * (solid.halfLength + by_m)), pin.SE3.Identity())], None
+    if isinstance(solid, coal.Capsule):
+        return _capsule(solid, by_m), None
+    if shape.hull is None:
+        return [], _on_both_sides(solid, by_m)
+    return [(_around(np.array(shape.hull.points(), dtype=float).reshape(-1, 3), by_m), pin.SE3.Identity())], None
+
+
+def _capsule(solid: coal.Capsule, by_m: float) -> Solids:
+    radius, half = solid.radius + by_m, solid.halfLength
+    ends = [pin.SE3(np.eye(3), np.array((0.0, 0.0, z))) for z in (half, -half)]
+    cylinder: Solids = [(coal.Cylinder(radius, 2 * half), pin.SE3.Identity())]
+    return [*cylinder, *((coal.Sphere(radius), end) for end in ends)]
+
+
+def _around(points: Array, by_m: float) -> coal.CollisionGeometry:
+    """Return the convex hull of points, each with a polyhedron around the sphere of this radius."""
+    if by_m == 0.0:
+        return convex_hull(points)
+    low, high = -np.ones(3), np.ones(3)
+    directions = np.array([[(low, high)[k][i] for i, k in enumerate(bits)] for bits in np.ndindex(2, 2, 2)])
+    axes = np.concatenate([np.eye(3), -np.eye(3)]) * 1.15
+    offsets = by_m * np.concatenate([directions * 0.75, axes])
+    return convex_hull((points[:, None, :] + offsets[None, :, :]).reshape(-1, 3))
+
+
+def _on_both_sides(solid: coal.BVHModelOBBRSS, by_m: float) -> Triangles:
+    """Return a surface, and two that are parallel to it at this distance."""
+    vertices = np.array(solid.vertices(), dtype=float).reshape(-1, 3)
+    corners = [solid.tri_indices(i) for i in range(solid.num_tris)]
+    triangles = np.array([(each[0], each[1], each[2]) for each in corners], dtype=np.int32)
+    try:
+        joined = Surface.from_triangles(vertices, triangles)
+    except ModelError:
+        return vertices, triangles
+    if by_m == 0.0:
+        return joined.vertices, joined.triangles
+    shift, count = by_m * _normals(joined), len(joined.vertices)
+    points = np.concatenate([joined.vertices, joined.vertices + shift, joined.vertices - shift])
+    return points, np.concatenate([joined.triangles + np.int32(k * count) for k in range(3)])
+
+
+def _normals(surface: Surface) -> Array:
+    """Return at each vertex the mean normal of its faces, longer at edges, so that all faces move far enough."""
+    a, b, c = (surface.vertices[column] for column in surface.triangles.T)
+    faces = np.cross(b - a, c - a)
+    faces /= np.maximum(np.linalg.norm(faces, axis=1, keepdims=True), 1e-30)
+    sums = np.zeros_like(surface.vertices)
+    counts = np.zeros(len(surface.vertices))
+    for column in surface.triangles.T:
+        np.add.at(sums, column, faces)
+        np.add.at(counts, column, 1.0)
+    lengths = np.linalg.norm(sums, axis=1) / np.maximum(counts, 1.0)
+    mean: Array = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
+    found: Array = mean / np.maximum(lengths, _SHARPEST)[:, None]
+    return found

@@ -1,0 +1,231 @@
+"""The scene in which paths are searched: the robot and what is around it, as one URDF for roboplan. Metre, radian.
+
+Joints that do not move are fixed. Each shape of the robot is a link of its own, so that exactly the pairs of the
+collision check are compared. What is around is larger than it is by ``CLEARANCE_M``, unless the robot is nearer than
+that at the start.
+"""
+
+import math
+import struct
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+from roboplan.core import Scene, loadJointLimitsConfig, loadUrdfSceneDescriptionFromXml
+
+from linked_fleet_gateway.extensions.planning.inflation import Triangles, inflated
+from linked_fleet_gateway.extensions.planning.messages import JointBounds
+from linked_fleet_gateway.extensions.world.messages import Positions
+from linked_fleet_gateway.extensions.world.robot import Robot
+from linked_fleet_gateway.extensions.world.surfaces import Array, Indices
+from linked_fleet_gateway.extensions.world.surroundings import MovingRobot, Shape, StaticBody, distance, is_inside
+from linked_fleet_gateway.fleet.model import JointKind
+
+CLEARANCE_M = 0.0115
+"""Clearance of paths: the margin of the collision check, and what a path may deviate between two checked places."""
+_NEARER_M = 0.001
+"""A pair that is nearer at the start may come nearer by this much, as in the collision check."""
+_TOUCHING_M = 1e-9
+_STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
+
+
+@dataclass(frozen=True)
+class PlannerScene:
+    """A scene of roboplan, and its names: of joint n ``j{n}``, of the robot's shapes ``b{n}``."""
+
+    scene: Scene
+    joints: tuple[str, ...]
+
+
+class SceneWriter:
+    """Writes the URDF of a scene, and meshes into ``folder``."""
+
+    def __init__(self, robot: Robot, start: Positions, bounds: Mapping[str, JointBounds], folder: Path) -> None:
+        self._robot, self._start, self._bounds, self._folder = robot, start, bounds, folder
+        self._standing = MovingRobot(robot, start)
+        self._parts = ['<robot name="r"><link name="l0"/>']
+        self._moving = {robot.model.getJointId(name) for name in bounds}
+        self._anchors = self._anchors_of_joints()
+        self._meshes = 0
+        self._disabled: list[tuple[str, str]] = []
+
+    def build(self, things: Iterable[StaticBody]) -> PlannerScene:
+        for joint in sorted(self._moving):
+            self._add_joint(joint)
+        for n in range(len(self._robot.bodies)):
+            self._add_body(n)
+        for n, thing in enumerate(things):
+            self._add_thing(n, thing)
+        scene = Scene("r", loadUrdfSceneDescriptionFromXml("".join([*self._parts, "</robot>"])))
+        names = scene.getJointNames()
+        scene.importJointLimitsFromConfig(loadJointLimitsConfig(self._limits(names)))
+        self._select_pairs(scene)
+        model = self._robot.model
+        return PlannerScene(scene, tuple(model.names[int(each[1:])] for each in names))
+
+    # -- the robot --------------------------------------------------------------------------------------------------
+
+    def _anchors_of_joints(self) -> list[tuple[int, pin.SE3]]:
+        """Return for each joint the moving joint that carries it (0 for the root), and its place in that frame."""
+        model, found = self._robot.model, [(0, pin.SE3.Identity())]
+        for joint in range(1, model.njoints):
+            parent, at = found[model.parents[joint]]
+            if joint in self._moving:
+                found.append((joint, pin.SE3.Identity()))
+            else:
+                found.append((parent, at * model.jointPlacements[joint] * self._turned(joint)))
+        return found
+
+    def _turned(self, joint: int) -> pin.SE3:
+        """Return the transformation by the present position of a joint."""
+        told = self._robot.tree.joints[self._robot.model.names[joint]]
+        axis, position = np.array(told.axis, dtype=float), self._start.get(told.name, 0.0)
+        if told.kind is JointKind.PRISMATIC:
+            return pin.SE3(np.eye(3), axis * position)
+        return pin.SE3(pin.AngleAxis(position, axis).toRotationMatrix(), np.zeros(3))
+
+    def _add_joint(self, joint: int) -> None:
+        model = self._robot.model
+        told, bound = self._robot.tree.joints[model.names[joint]], self._bounds[model.names[joint]]
+        parent, at = self._anchors[model.parents[joint]]
+        kind = "prismatic" if told.kind is JointKind.PRISMATIC else "revolute"
+        self._parts.append(
+            f'<link name="l{joint}"/><joint name="j{joint}" type="{kind}"><parent link="l{parent}"/>'
+            f'<child link="l{joint}"/>{_origin(at * model.jointPlacements[joint])}<axis xyz="{_row(told.axis)}"/>'
+            f'<limit lower="{bound.lower!r}" upper="{bound.upper!r}" velocity="{bound.speed!r}" effort="1"/></joint>'
+        )
+
+    def _add_body(self, n: int) -> None:
+        body = self._robot.bodies[n]
+        joint, at = self._anchors[body.joint]
+        if not self._robot.anchored[n]:
+            return  # its place is unknown
+        placed = at * self._robot.geometry.geometryObjects[n].placement
+        surface = body.surface
+        mesh = None if surface is None else (surface.vertices, surface.triangles)
+        self._add_link(f"b{n}", joint, placed, [(body.shape, pin.SE3.Identity())], mesh)
+
+    # -- what is around -----------------------------------------------------------------------------------------------
+
+    def _add_thing(self, n: int, thing: StaticBody) -> None:
+        """Add something around, larger than it is; what is nearer at the start compares with one that is less so."""
+        near = self._nearer(thing)
+        moved = [i for i in range(len(self._robot.bodies)) if self._anchors[self._robot.bodies[i].joint][0]]
+        self._add_inflated(f"o{n}", thing, CLEARANCE_M)
+        if not near:
+            return
+        self._disabled += [(f"b{i}", f"o{n}") for i in near]
+        if any(apart > _TOUCHING_M for apart in near.values()):
+            least = min(apart for apart in near.values() if apart > _TOUCHING_M)
+            self._add_inflated(f"n{n}", thing, max(least - _NEARER_M, 0.0))
+            compared = {i for i, apart in near.items() if apart > _TOUCHING_M}
+            self._disabled += [(f"b{i}", f"n{n}") for i in moved if i not in compared]
+
+    def _nearer(self, thing: StaticBody) -> dict[int, float]:
+        """Return the distance at the start of each moving body that is nearer than the clearance."""
+        found = {}
+        for i, body in enumerate(self._robot.bodies):
+            if not self._anchors[body.joint][0] or not self._robot.anchored[i]:
+                continue
+            one = self._standing.shape(i)
+            gap = np.linalg.norm(self._standing.at(i).act(body.centre) - thing.centre) - body.radius - thing.radius
+            if gap < CLEARANCE_M:
+                apart = distance(one, thing.shape, CLEARANCE_M)
+                if apart > _TOUCHING_M and (is_inside(one, thing.shape) or is_inside(thing.shape, one)):
+                    apart = 0.0
+                if apart < CLEARANCE_M:
+                    found[i] = apart
+        return found
+
+    def _add_inflated(self, name: str, thing: StaticBody, by_m: float) -> None:
+        shape: Shape = thing.shape
+        self._add_link(name, 0, shape.at, *inflated(shape, by_m))
+
+    def _add_link(
+        self,
+        name: str,
+        joint: int,
+        at: pin.SE3,
+        solids: list[tuple[coal.CollisionGeometry, pin.SE3]],
+        mesh: Triangles | None,
+    ) -> None:
+        """Add a link with convex ``solids``, or with a surface."""
+        parts, convex = [], []
+        if mesh is not None:
+            parts.append((self._mesh(*mesh), pin.SE3.Identity()))
+        else:
+            for k, (solid, offset) in enumerate(solids):
+                text, is_mesh = self._geometry(solid)
+                parts.append((text, offset))
+                convex += [f'<convex name="{name}.{k}"/>'] if is_mesh else []
+        collisions = "".join(
+            f'<collision name="{name}.{k}">{_origin(at * offset)}<geometry>{text}</geometry></collision>'
+            for k, (text, offset) in enumerate(parts)
+        )
+        checking = f"<collision_checking>{''.join(convex)}</collision_checking>" if convex else ""
+        self._parts.append(
+            f'<link name="{name}">{collisions}{checking}</link><joint name="f{name}" type="fixed">'
+            f'<parent link="l{joint}"/><child link="{name}"/></joint>'
+        )
+
+    def _geometry(self, solid: coal.CollisionGeometry) -> tuple[str, bool]:
+        """Return a convex shape in URDF, and whether it is a mesh."""
+        if isinstance(solid, coal.Box):
+            return f'<box size="{_row(2 * np.array(solid.halfSide).reshape(3))}"/>', False
+        if isinstance(solid, coal.Sphere):
+            return f'<sphere radius="{float(solid.radius)!r}"/>', False
+        if isinstance(solid, coal.Cylinder):
+            return f'<cylinder radius="{float(solid.radius)!r}" length="{float(2 * solid.halfLength)!r}"/>', False
+        faces = np.array([[solid.polygons(i)[k] for k in range(3)] for i in range(solid.num_polygons)], dtype=np.int32)
+        return self._mesh(np.array(solid.points(), dtype=float).reshape(-1, 3), faces), True
+
+    def _mesh(self, vertices: Array, triangles: Indices) -> str:
+        file = self._folder / f"{self._meshes}.stl"
+        self._meshes += 1
+        rows = np.zeros(len(triangles), dtype=_STL)
+        rows["corners"] = vertices[triangles]
+        file.write_bytes(bytes(80) + struct.pack("<I", len(rows)) + rows.tobytes())
+        return f'<mesh filename="{file}"/>'
+
+    # -- limits and pairs -------------------------------------------------------------------------------------------
+
+    def _limits(self, joints: Iterable[str]) -> Path:
+        """Write the limits that a URDF has no place for."""
+        lines = ["joint_limits:\n"]
+        for name in joints:
+            bound = self._bounds[self._robot.model.names[int(name[1:])]]
+            lines.append(f"  {name}: {{max_velocity: [{bound.speed}], max_acceleration: [{bound.acceleration}]}}\n")
+        file = self._folder / "limits.yaml"
+        file.write_text("".join(lines))
+        return file
+
+    def _select_pairs(self, scene: Scene) -> None:
+        """Compare the pairs of the robot that the collision check compares, without those that touch at the start."""
+        robot, kept = self._robot, set(self._robot.pairs)
+        shown = {i: self._anchors[body.joint][0] for i, body in enumerate(robot.bodies) if robot.anchored[i]}
+        apart = [(i, k) for i, k in combinations(shown, 2) if shown[i] != shown[k]]
+        off = [(i, k) for i, k in apart if not {(i, k), (k, i)} & kept or self._touch(i, k)]
+        scene.setCollisions([*((f"b{i}", f"b{k}") for i, k in off), *self._disabled], False)
+
+    def _touch(self, i: int, k: int) -> bool:
+        one, other = self._standing.shape(i), self._standing.shape(k)
+        gap = np.linalg.norm(one.at.act(self._robot.bodies[i].centre) - other.at.act(self._robot.bodies[k].centre))
+        near = float(gap) <= self._robot.bodies[i].radius + self._robot.bodies[k].radius
+        return near and distance(one, other, _TOUCHING_M) <= _TOUCHING_M
+
+
+def _origin(at: pin.SE3) -> str:
+    return f'<origin xyz="{_row(at.translation)}" rpy="{_row(pin.rpy.matrixToRpy(at.rotation))}"/>'
+
+
+def _row(values: Iterable[float]) -> str:
+    return " ".join(repr(float(each)) for each in values)
+
+
+def unwound(start: float, goal: float) -> tuple[float, float]:
+    """Return the range of positions in which a continuous joint is searched for: half a turn beyond start and goal."""
+    return min(start, goal) - math.pi, max(start, goal) + math.pi

@@ -1,0 +1,5 @@
+"""The terms of the extension."""
+
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+
+LF = CORE.extended("PathKind Direct Planned path ofLink")
