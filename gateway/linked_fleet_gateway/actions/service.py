@@ -96,6 +96,9 @@ class MotionPlanner(Protocol):
         ``own_id`` is its invocation, empty for a rehearsal. Raises FleetError.
         """
 
+    def advise(self, motion: Motion, refused: MotionRefused) -> None:
+        """Add to the refusal of a motion that takes the direct path what would let it take another one."""
+
 
 @dataclass(frozen=True)
 class Rehearsal:
@@ -270,7 +273,7 @@ class Actions:
         """
         paths = None if self.planner is None or not motion.moves else self.planner.paths(motion, caller, own)
         if paths is None:
-            return motion, await self._findings(motion, caller, own)
+            return motion, await self._on_direct_path(motion, caller, own)
         refused: MotionRefused | None = None
         while (planned := await paths.next(refused)) is not None:
             try:
@@ -279,6 +282,15 @@ class Actions:
                 refused = error
         assert refused is not None
         raise refused
+
+    async def _on_direct_path(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, Finding]:
+        """Return the findings of the guards. What they raise says if there may be another path."""
+        try:
+            return await self._findings(motion, caller, own)
+        except MotionRefused as error:
+            if self.planner is not None:
+                self.planner.advise(motion, error)
+            raise
 
     async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, Finding]:
         """Return the finding of each guard about what moves. Raises MotionRefused."""

@@ -116,8 +116,8 @@ LF = Namespace(
     " jointExpectation ownLease ownLink ownPose dryRun"
     # predicates: what actions take and invocations tell
     " speed speedScale precondition tolerance tiedTo waypoint atTime poseName namedPose input duration progress"
-    " preempts preemptedBy limitedBecause plannedBecause positionResidual orientationResidual answer ofRobot"
-    " currentTask"
+    " preempts preemptedBy limitedBecause plannedBecause pathDeviation positionResidual orientationResidual answer"
+    " ofRobot currentTask"
     " lastMoved moving modelName batteryCharge InvocationList"
     # predicates: control and settings
     " lease holder priority expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"

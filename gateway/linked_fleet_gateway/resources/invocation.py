@@ -31,6 +31,7 @@ STATES = {
 _FACTS: dict[str, tuple[NamedNode, Unit]] = {
     "positionResidual": (LF.positionResidual, METRE),
     "orientationResidual": (LF.orientationResidual, RADIAN),
+    "pathDeviation": (LF.pathDeviation, METRE),
     "speedShare": (LF.speedScale, UNITLESS),
 }
 MOST_WAYPOINTS = 40

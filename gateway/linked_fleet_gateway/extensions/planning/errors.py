@@ -37,3 +37,17 @@ class NoPathFound(_InTheWay):
     """No path was found in the time for the search; there may be one."""
 
     code, title = "no-path-found", "No path was found in time"
+
+
+class LineLeaves(MotionRefused):
+    """The joints can follow a straight line up to a ``share`` of it only, which is at ``point`` in the world."""
+
+    status, code, title = 409, "line-ends", "The straight line leaves what the joints can do"
+
+    def __init__(self, detail: str, *, share: float, point: Vector) -> None:
+        super().__init__(detail, reason="the straight line leaves what its joints can do")
+        self.share, self.point = share, point
+
+    @property
+    def members(self) -> Members:
+        return {"share": self.share, "point": [round(each, 4) for each in self.point]}

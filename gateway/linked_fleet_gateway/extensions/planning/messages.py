@@ -33,6 +33,40 @@ class FindPath(Struct, frozen=True, tag="find"):
     seed: int = 0
 
 
+class FindStraight(Struct, frozen=True, tag="line"):
+    """Find a path of the joints with ``bounds`` that brings a link to a target along a straight line.
+
+    ``around`` is as for ``FindPath``. The line ends where the link is at the ``goal`` of the joints. The orientation
+    ``turns`` evenly to that there, or stays. If ``exact``, the joints have to end at their goals.
+    """
+
+    around: Check
+    bounds: dict[str, JointBounds]
+    link: str
+    goal: Positions
+    turns: bool
+    exact: bool
+
+
+class StraightFound(Struct, frozen=True, tag="straight"):
+    """A path along a line; the link leaves it by at most ``off_m``, and its orientation by ``off_rad``."""
+
+    joints: tuple[str, ...]
+    times_s: tuple[float, ...]
+    positions: tuple[tuple[float, ...], ...]
+    off_m: float
+    off_rad: float
+
+
+class LineEnds(Struct, frozen=True, tag="ends"):
+    """The joints can follow the line up to ``share`` of it: ``at`` in the frame of the root. ``joint`` may be empty."""
+
+    share: float
+    why: str
+    joint: str
+    at: tuple[float, float, float]
+
+
 class PathFound(Struct, frozen=True, tag="path"):
     """A path that the check has found free: positions of ``joints`` at times after the start.
 
@@ -65,4 +99,5 @@ class PlanFailed(Struct, frozen=True, tag="unplanned"):
     reason: str
 
 
-PlanAnswer = PathFound | BlockedAt | NotFound | PlanFailed
+PlanQuestion = FindPath | FindStraight
+PlanAnswer = PathFound | StraightFound | LineEnds | BlockedAt | NotFound | PlanFailed

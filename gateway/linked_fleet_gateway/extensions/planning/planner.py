@@ -1,10 +1,15 @@
 """Paths of motions round what is in the way: the questions to the process that plans, and what its answers mean."""
 
+import asyncio
 import logging
 import math
 import time
 from collections import Counter
+from collections.abc import Iterator
+from contextlib import suppress
+from functools import partial
 from pathlib import Path as FilePath
+from random import Random
 
 import msgspec
 from msgspec.structs import replace
@@ -12,26 +17,33 @@ from msgspec.structs import replace
 from linked_fleet_agent.urdf.cruise import RAMP_S, cruise_of
 from linked_fleet_agent.urdf.facts import JointFacts
 from linked_fleet_agent.wire.messages import Expectation, Follow, Move
-from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Robot
-from linked_fleet_gateway.base.errors import MotionRefused
+from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, RobotModel, UnprocessableContent
+from linked_fleet_gateway.base.errors import FleetError, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
-from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, NoPathFound
+from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound
 from linked_fleet_gateway.extensions.planning.messages import (
     BlockedAt,
     FindPath,
+    FindStraight,
     JointBounds,
+    LineEnds,
     NotFound,
     PathFound,
     PlanAnswer,
     PlanFailed,
+    PlanQuestion,
+    StraightFound,
 )
 from linked_fleet_gateway.extensions.planning.terms import LF
+from linked_fleet_gateway.extensions.reach.extension import prepare_search
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
-from linked_fleet_gateway.extensions.world.messages import Answer, Check, CollisionFound
+from linked_fleet_gateway.extensions.world.messages import Answer, Check, Positions
 from linked_fleet_gateway.extensions.world.placement import has_placement
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation
 from linked_fleet_gateway.extensions.world.service import World
+from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import JointKind
+from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.serving import Caller, NoReply
 
 _log = logging.getLogger(__name__)
@@ -48,6 +60,9 @@ _MOST_PATHS = 4
 STILL_RAD, STILL_M = 0.01, 0.001
 """How far a joint may be from where its path begins when the robot gets the command."""
 _SEEDS = 1_000
+_MOST_GOALS, _OTHER = 12, 0.1
+"""Searches for other positions that reach a pose, and how far (rad, m) one joint of these is from the known ones."""
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 class PlannerProcess(Checker):
@@ -56,10 +71,11 @@ class PlannerProcess(Checker):
     def __init__(self, folder: FilePath) -> None:
         super().__init__(folder, module=MODULE, answers=msgspec.msgpack.Decoder(Answer | PlanAnswer))
 
-    async def find(self, asked: FindPath) -> PlanAnswer:
+    async def find(self, asked: PlanQuestion) -> PlanAnswer:
         """Return the answer to a question."""
+        within_s = asked.within_s if isinstance(asked, FindPath) else 0.0
         try:
-            answer: PlanAnswer = await self._process.ask(asked, asked.within_s + _ANSWER_S)
+            answer: PlanAnswer = await self._process.ask(asked, within_s + _ANSWER_S)
         except NoReply:
             self._forget()
             return PlanFailed("the process that plans motions gave no answer in time")
@@ -84,16 +100,20 @@ class Planner:
         """Return the paths of a motion that asks for another one than the direct one, or that may take one."""
         if not isinstance(motion.motion, Move) or motion.request is None:
             return None
-        body = motion.request.body
-        asked, reaches = body.node(body.root, LF.path), body.node(body.root, LF.ofLink) is not None
-        if asked == LF.Planned and not has_placement(motion.robot):
+        kind, body = kind_of(motion), motion.request.body
+        if kind in {LF.Planned, LF.Straight} and not has_placement(motion.robot):
             raise Conflict(
                 f"{motion.robot.name} has no placement in the world, so it is unknown what is in its way: PUT its "
                 "placement, or leave lf:path out."
             )
-        if asked == LF.Planned or (asked is None and reaches):
+        if kind in {LF.Planned, LF.Straight} or (kind is None and body.node(body.root, LF.ofLink) is not None):
             return PlannedPaths(self, motion, caller, own_id)
         return None
+
+    def advise(self, motion: Motion, refused: MotionRefused) -> None:
+        """Say in the refusal of a direct path that a way round what is in the way can be asked for."""
+        if isinstance(refused, Collides) and isinstance(motion.motion, Move) and motion.request is not None:
+            refused.advise("With lf:path lf:Planned a way round it is searched for.", {"path": LF.Planned.value})
 
     async def plan(self, motion: Motion, caller: Caller, own_id: str, seed: int, because: str) -> Motion:
         """Return the motion on a path that was found. Raises MotionRefused, Conflict, Busy."""
@@ -102,14 +122,14 @@ class Planner:
         self._waiting[caller.name] += 1
         began_ns = time.monotonic_ns()
         try:
-            answer, asked = await self._asked(motion, caller, own_id, seed)
+            answer, asked = await self._ask(motion, caller, own_id, seed)
         finally:
             self._waiting -= Counter([caller.name])
         planned = self._on_path(motion, answer, asked)
         computing_ns = motion.computing_ns + time.monotonic_ns() - began_ns
         return replace(planned, computing_ns=computing_ns, detour=because)
 
-    async def _asked(self, motion: Motion, caller: Caller, own_id: str, seed: int) -> tuple[PlanAnswer, FindPath]:
+    async def _ask(self, motion: Motion, caller: Caller, own_id: str, seed: int) -> tuple[PlanAnswer, PlanQuestion]:
         robot, sees = motion.robot, caller.visible_robots
         with self._process.in_use():
             if (why := await self._nearby.prepare(self._nearby.around(robot, sees))) is not None:
@@ -117,9 +137,24 @@ class Planner:
             robots = self._nearby.prepared_around(robot, sees)
             self._check_still(motion, own_id)
             around = self._questions.about(motion, robots, sees, own_id)
-            within_s = min(max(caller.patience_s or SEARCH_S, SEARCH_S), MOST_SEARCH_S)
-            asked = FindPath(around, self._bounds(motion, around), (dict(motion.targets),), within_s, seed)
-            return await self._process.find(asked), asked
+            asked = self._question(motion, around, caller.patience_s, seed)
+            answer = await self._process.find(asked)
+            if isinstance(answer, BlockedAt) and isinstance(asked, FindPath):
+                asked = replace(asked, goals=await asyncio.to_thread(other_goals, motion, asked))
+                answer = await self._process.find(asked) if asked.goals else answer
+            return answer, asked
+
+    def _question(self, motion: Motion, around: Check, patience_s: float | None, seed: int) -> PlanQuestion:
+        bounds, goal = self._bounds(motion, around), dict(motion.targets)
+        if kind_of(motion) != LF.Straight:
+            return FindPath(around, bounds, (goal,), min(max(patience_s or 0.0, SEARCH_S), MOST_SEARCH_S), seed)
+        assert motion.request is not None
+        body = motion.request.body
+        link = body.node(body.root, LF.ofLink)
+        if link is None:
+            return FindStraight(around, bounds, _carried(motion), goal, turns=True, exact=True)
+        turns = body.node(body.root, LF.orientation) is not None
+        return FindStraight(around, bounds, motion.request.link_at(link), goal, turns, exact=False)
 
     def _check_still(self, motion: Motion, own_id: str) -> None:
         """Check that no other motion moves the joints, because a path begins where they stand. Raises Conflict."""
@@ -138,33 +173,44 @@ class Planner:
             for name, goal in motion.targets.items()
         }
 
-    def _on_path(self, motion: Motion, answer: PlanAnswer, asked: FindPath) -> Motion:
-        robot = motion.robot
+    def _on_path(self, motion: Motion, answer: PlanAnswer, asked: PlanQuestion) -> Motion:
         if isinstance(answer, PlanFailed):
-            raise Unchecked(f"No path of {robot.name} could be planned: {answer.reason}.")
-        if isinstance(answer, BlockedAt):
-            met = self._met(robot, answer.by)
-            what = met.names[1] if len(met.names) > 1 else "another robot"
-            detail = f"The goal is blocked: {answer.by.link} of {robot.name} would meet {what} there."
-            raise GoalBlocked(detail, reason="something is where it would end", met=met)
-        if isinstance(answer, NotFound):
-            detail = (
-                f"No path of {robot.name} was found in {asked.within_s:g} s. There may be one: give the search more "
-                f"time by Prefer: wait, of which up to {MOST_SEARCH_S:g} s are used, or move in steps."
-            )
-            raise NoPathFound(detail, reason="no path was found in time")
-        assert isinstance(answer, PathFound)
-        start, linear = asked.around.paths[0].start, self._linear(robot)
+            raise Unchecked(f"No path of {motion.robot.name} could be planned: {answer.reason}.")
+        if not isinstance(answer, PathFound | StraightFound):
+            raise self._refusal(motion.robot, answer, asked)
+        start, linear = asked.around.paths[0].start, self._linear(motion.robot)
         stands = {
             name: Expectation(start[name], STILL_M if name in linear else STILL_RAD)
             for name in answer.joints
             if name not in motion.expectations
         }
         follow = Follow(answer.joints, answer.times_s, answer.positions)
-        return replace(motion, motion=follow, expectations={**stands, **motion.expectations})
+        ends = dict(zip(answer.joints, answer.positions[-1], strict=True))
+        facts = {**motion.facts, "pathDeviation": answer.off_m} if isinstance(answer, StraightFound) else motion.facts
+        expected = {**stands, **motion.expectations}
+        return replace(motion, motion=follow, targets=ends, facts=facts, expectations=expected)
 
-    def _met(self, robot: Robot, by: CollisionFound) -> Collides:
-        return self._checks.collision(robot, by)
+    def _refusal(self, robot: Robot, answer: LineEnds | BlockedAt | NotFound, asked: PlanQuestion) -> MotionRefused:
+        if isinstance(answer, LineEnds):
+            joint = f"{answer.joint}: " if answer.joint else ""
+            base = asked.around.robot.base
+            return LineLeaves(
+                f"The straight line of {robot.name} ends after {100 * answer.share:.0f} % of the way: "
+                f"{joint}{answer.why}. lf:Planned takes another path.",
+                share=answer.share,
+                point=compose(base, Pose(answer.at, UPRIGHT)).position_m,
+            )
+        if isinstance(answer, BlockedAt):
+            met = self._checks.collision(robot, answer.by)
+            what = met.names[1] if len(met.names) > 1 else "another robot"
+            detail = f"The goal is blocked: {answer.by.link} of {robot.name} would meet {what} there."
+            return GoalBlocked(detail, reason="something is where it would end", met=met)
+        within_s = asked.within_s if isinstance(asked, FindPath) else SEARCH_S
+        detail = (
+            f"No path of {robot.name} was found in {within_s:g} s. There may be one: give the search more time by "
+            f"Prefer: wait, of which up to {MOST_SEARCH_S:g} s are used, or move in steps."
+        )
+        return NoPathFound(detail, reason="no path was found in time")
 
     def _linear(self, robot: Robot) -> set[str]:
         joints = {} if robot.model is None else robot.model.joints
@@ -180,6 +226,13 @@ class PlannedPaths:
 
     async def next(self, refused: MotionRefused | None) -> Motion | None:
         """Return the motion on its next path; None after the last one."""
+        if kind_of(self._motion) == LF.Straight:
+            because = "a straight line was asked for"
+            return (
+                await self._planner.plan(self._motion, self._caller, self._own_id, 0, because)
+                if refused is None
+                else None
+            )
         if refused is None:
             return self._motion
         if self._given == _MOST_PATHS or not isinstance(refused, Collides):
@@ -187,6 +240,52 @@ class PlannedPaths:
         self._given += 1
         self._because = self._because or f"on the direct path {refused.reason}"
         return await self._planner.plan(self._motion, self._caller, self._own_id, self._given * _SEEDS, self._because)
+
+
+def other_goals(motion: Motion, asked: FindPath) -> tuple[Positions, ...]:
+    """Return further positions of the joints that reach the pose that was asked for, if it is one."""
+    request = motion.request
+    if request is None or request.body.node(request.body.root, LF.ofLink) is None:
+        return ()
+    random, found = Random(asked.seed), list[Positions]()  # noqa: S311 - where searches begin
+    for _ in range(_MOST_GOALS):
+        start = {name: random.uniform(each.lower, each.upper) for name, each in asked.bounds.items()}
+        with suppress(FleetError):  # this start leads nowhere
+            targets = dict(prepare_search(request, start)()[0])
+            if targets.keys() == asked.bounds.keys() and all(map(partial(_is_other, targets), (*asked.goals, *found))):
+                found.append(targets)
+    return tuple(found)
+
+
+def _is_other(one: Positions, other: Positions) -> bool:
+    return any(abs(one[name] - other[name]) > _OTHER for name in one)
+
+
+def kind_of(motion: Motion) -> Node | None:
+    """Return the kind of path that is asked for; None if nothing is said."""
+    body = None if motion.request is None else motion.request.body
+    return None if body is None else body.node(body.root, LF.path)
+
+
+def _carried(motion: Motion) -> str:
+    """Return the link that the last of the joints of a motion carries. Raises UnprocessableContent without one."""
+    model = motion.robot.model
+    assert model is not None
+    depths = {name: list(_above(model, name)) for name in motion.targets}
+    last = max(depths, key=lambda name: len(depths[name]))
+    if beside := motion.targets.keys() - {last, *depths[last]}:
+        raise UnprocessableContent(
+            f"{min(beside)} does not carry what {last} carries, so no link is on a line: lf:Straight moves joints of "
+            "one arm."
+        )
+    return model.joints[last].child
+
+
+def _above(model: RobotModel, joint: str) -> Iterator[str]:
+    """Yield the joints that carry a joint, the nearest first."""
+    while (parent := model.links[model.joints[joint].parent].parent_joint) is not None:
+        yield parent
+        joint = parent
 
 
 def bounds_of(robot: Robot, name: str, start: float, goal: float, scale: float) -> JointBounds:

@@ -53,17 +53,28 @@ class SceneWriter:
         self._meshes = 0
         self._disabled: list[tuple[str, str]] = []
 
+    def build_bare(self) -> PlannerScene:
+        """Return a scene without any shape, for the timing of a path."""
+        for joint in sorted(self._moving):
+            self._add_joint(joint)
+        return self._scene()
+
     def build(self, things: Iterable[StaticBody]) -> PlannerScene:
+        """Return the scene with the robot and what is around."""
         for joint in sorted(self._moving):
             self._add_joint(joint)
         for n in range(len(self._robot.bodies)):
             self._add_body(n)
         for n, thing in enumerate(things):
             self._add_thing(n, thing)
+        made = self._scene()
+        self._select_pairs(made.scene)
+        return made
+
+    def _scene(self) -> PlannerScene:
         scene = Scene("r", loadUrdfSceneDescriptionFromXml("".join([*self._parts, "</robot>"])))
         names = scene.getJointNames()
         scene.importJointLimitsFromConfig(loadJointLimitsConfig(self._limits(names)))
-        self._select_pairs(scene)
         model = self._robot.model
         return PlannerScene(scene, tuple(model.names[int(each[1:])] for each in names))
 

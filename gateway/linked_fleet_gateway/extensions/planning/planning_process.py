@@ -16,7 +16,7 @@ import msgspec
 
 from linked_fleet_gateway.base.answering import answer_questions
 from linked_fleet_gateway.base.errors import LibraryMissing
-from linked_fleet_gateway.extensions.planning.messages import FindPath, PlanAnswer, PlanFailed
+from linked_fleet_gateway.extensions.planning.messages import PlanAnswer, PlanFailed, PlanQuestion
 from linked_fleet_gateway.extensions.world.messages import Answer, CheckFailed, Question
 
 MAX_MEMORY_BYTES = 4 * 2**30
@@ -29,7 +29,7 @@ def main() -> None:
     _keep_libraries_quiet()
     logging.basicConfig(format="%(asctime)s %(levelname)s %(name)s %(message)s")
     folder = Path(sys.argv[1]) if len(sys.argv) > 1 else None
-    answer_questions(msgspec.msgpack.Decoder(Question | FindPath), answers(folder))
+    answer_questions(msgspec.msgpack.Decoder(Question | PlanQuestion), answers(folder))
 
 
 def _keep_libraries_quiet() -> None:
@@ -44,15 +44,15 @@ def _keep_libraries_quiet() -> None:
     os.dup2(nowhere, 2)
 
 
-def answers(folder: Path | None) -> "Callable[[Question | FindPath], Answer | PlanAnswer]":
+def answers(folder: Path | None) -> "Callable[[Question | PlanQuestion], Answer | PlanAnswer]":
     """Return the function that answers questions. If a library cannot be loaded, each answer is the reason."""
     try:
         worker = import_module("linked_fleet_gateway.extensions.planning.worker").PlanningWorker.caching_in(folder)
     except ImportError as error:
         missing = LibraryMissing.for_module("pinocchio, coal or roboplan", error).detail.rstrip(".")
         log.error("no motion can be planned: %s", missing)
-        return lambda asked: PlanFailed(missing) if isinstance(asked, FindPath) else CheckFailed(missing)
-    answer: Callable[[Question | FindPath], Answer | PlanAnswer] = worker.reply
+        return lambda asked: PlanFailed(missing) if isinstance(asked, PlanQuestion) else CheckFailed(missing)
+    answer: Callable[[Question | PlanQuestion], Answer | PlanAnswer] = worker.reply
     return answer
 
 

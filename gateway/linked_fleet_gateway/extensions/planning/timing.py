@@ -15,7 +15,7 @@ from roboplan.toppra import PathParameterizerTOPPRA, SplineFittingMode, TOPPRAOp
 from linked_fleet_gateway.extensions.world.questions import waypoint_velocities
 from linked_fleet_gateway.extensions.world.surfaces import Array
 
-STEP_S = 0.03
+STEP_S, FINE_STEP_S = 0.03, 0.01
 MOST_WAYPOINTS, MOST_POSITIONS = 1_000, 16_384
 """The most that one command of an agent may have."""
 _ROUNDINGS = (0.3, 0.1, 0.02)
@@ -60,6 +60,18 @@ def fastest(scene: Scene, path: JointPath, speeds: Array) -> Timed | None:
         if best is None or timed.duration_s < best.duration_s:
             best = timed
     return None if best is None else _within(best, speeds)
+
+
+def smooth(scene: Scene, path: JointPath, speeds: Array) -> Timed | None:
+    """Return the fastest motion along a path of many places near each other, or None."""
+    if len(path.positions) == 1:
+        return None
+    options = TOPPRAOptions(dt=FINE_STEP_S, mode=SplineFittingMode.Cubic, velocity_scale=_SHARE)
+    try:
+        found = PathParameterizerTOPPRA(scene).generate(path, options)
+    except RuntimeError:  # of numerical trouble
+        return None
+    return _within(_thinned(found.times, np.array(found.positions)), speeds)
 
 
 def _thinned(times_s: Sequence[float], positions: Array) -> Timed:

@@ -60,8 +60,10 @@ def reach(request: ActionRequest) -> DeferredPlan:
     return DeferredPlan(compute)
 
 
-def prepare_search(request: ActionRequest) -> Search:
+def prepare_search(request: ActionRequest, start: Mapping[str, float] | None = None) -> Search:
     """Prepare the search, which returns targets (rad or m) and residuals (m, rad).
+
+    It begins at the present positions, some of them replaced by those in ``start``.
 
     The search raises OutOfReach with the best residual. Raises Offline or Conflict if the pose of the robot is unknown.
     """
@@ -81,7 +83,12 @@ def prepare_search(request: ActionRequest) -> Search:
         for joint in able
         if joint.kind is not JointKind.CONTINUOUS and joint.limits.lower is not None and joint.limits.upper is not None
     }
-    start, urdf, movable, base = dict(robot.positions), description.urdf, [joint.name for joint in able], frame.base
+    start, urdf, movable, base = (
+        {**robot.positions, **(start or {})},
+        description.urdf,
+        [joint.name for joint in able],
+        frame.base,
+    )
 
     def search() -> tuple[Mapping[str, float], Mapping[str, float]]:
         try:

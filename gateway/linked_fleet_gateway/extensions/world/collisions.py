@@ -42,6 +42,12 @@ class Collides(MotionRefused):
     ) -> None:
         super().__init__(detail, reason=reason)
         self.things, self.names, self.share, self.point = list(things), list(names), share, point
+        self.add: Mapping[str, str] = {}
+        """Members that the same body may have in addition, so that it is not refused for this reason."""
+
+    def advise(self, sentence: str, add: Mapping[str, str]) -> None:
+        """Say what the same request may have in addition."""
+        self.detail, self.add = f"{self.detail} {sentence}", add
 
     def locate(self, base: str) -> None:
         self.things = [base + path for path in self.things]
@@ -51,7 +57,8 @@ class Collides(MotionRefused):
         if self.share is None:
             return {}
         place = {} if self.point is None else {"point": list(self.point)}
-        return {"things": self.things, "names": self.names, "share": self.share, **place}
+        retry = {"retryWith": [dict(self.add)]} if self.add else {}
+        return {"things": self.things, "names": self.names, "share": self.share, **place, **retry}
 
 
 class Unchecked(MotionRefused):

@@ -116,6 +116,11 @@ class MovingRobot:
                 put(self.robot, self._q, model.getJointId(name), position)
         pin.updateGeometryPlacements(model, self._data, self.robot.geometry, self._placed, self._q)
 
+    @property
+    def configuration(self) -> Array:
+        """The present positions in the order of Pinocchio's model."""
+        return self._q.copy()
+
     def at(self, body: int) -> pin.SE3:
         return self._placed.oMg[body]
 
