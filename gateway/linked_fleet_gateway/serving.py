@@ -5,6 +5,7 @@ tables of an own form, and invocations for a client. ``VERSION`` counts changes 
 """
 
 from linked_fleet_gateway.actions.plan import Act, Caller, RobotTime, robot_time
+from linked_fleet_gateway.actions.service import MotionPlanner, Paths
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.body import convert_body, parse_body, parse_form, read_body
 from linked_fleet_gateway.http.fields import Link as WebLink
@@ -39,7 +40,7 @@ VERSION = 1
 
 __all__ = [
     "VERSION", "Act", "Authenticated", "BadToken", "Caller", "ConnectionEnded", "Identities", "Issuer", "IssuerFailed",
-    "Live", "NoAnswer", "NoReply", "QuestionProcess", "RedisConnection", "Rendition", "Replica", "Reply",
+    "Live", "MotionPlanner", "NoAnswer", "NoReply", "Paths", "QuestionProcess", "RedisConnection", "Rendition", "Replica", "Reply",
     "ReplyTooLong", "RobotTime", "StoredRecords", "TokenBuckets", "WebLink", "Worker",
     "arrival_of", "await_preconditions", "check_acceptable", "check_preconditions", "convert_body", "created_response",
     "frame", "link_header", "not_modified", "parse_body", "parse_form", "patch_types", "problem", "read_body",

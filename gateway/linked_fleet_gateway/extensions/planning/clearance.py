@@ -33,7 +33,7 @@ def touched(
         apart = _apart(there.shape(body), thing.shape, MARGIN_M)
         if apart < MARGIN_M and apart < _apart(here.shape(body), thing.shape, MARGIN_M) - _NEARER_M:
             point = meeting_point(there.shape(body), thing.shape)
-            place = None if point is None else tuple(se3(asked.robot.base).act(point).tolist())
+            place = None if point is None else tuple(np.round(se3(asked.robot.base).act(point), 4).tolist())
             return CollisionFound(robot.bodies[body].link, thing.kind, thing.name, thing.link, 1.0, place)
     for one, other in robot.pairs:
         if robot.anchored[one] and _gap(robot, there, one, other) < CLEARANCE_M:

@@ -8,8 +8,8 @@ from linked_fleet_gateway.extensions.world.surfaces import Array, Indices, Surfa
 from linked_fleet_gateway.extensions.world.surroundings import Shape
 from linked_fleet_gateway.fleet.xml import ModelError
 
-_SHARPEST = 0.5
-"""Least share of the distance by which a corner of a surface moves along each of its faces' normals."""
+_FLATTEST, _FARTHEST = 1e-3, 3.0
+"""Squared sine of the angle below which two faces are one plane, and the longest shift of a corner."""
 Triangles = tuple[Array, Indices]
 """Vertices, and rows of three indices into them."""
 Solids = list[tuple[coal.CollisionGeometry, pin.SE3]]
@@ -63,22 +63,21 @@ def _on_both_sides(solid: coal.BVHModelOBBRSS, by_m: float) -> Triangles:
         return vertices, triangles
     if by_m == 0.0:
         return joined.vertices, joined.triangles
-    shift, count = by_m * _normals(joined), len(joined.vertices)
+    shift, count = by_m * _shifts(joined), len(joined.vertices)
     points = np.concatenate([joined.vertices, joined.vertices + shift, joined.vertices - shift])
     return points, np.concatenate([joined.triangles + np.int32(k * count) for k in range(3)])
 
 
-def _normals(surface: Surface) -> Array:
-    """Return at each vertex the mean normal of its faces, longer at edges, so that all faces move far enough."""
+def _shifts(surface: Surface) -> Array:
+    """Return for each vertex a shift that moves all of its faces by one along their normals, as far as one does."""
     a, b, c = (surface.vertices[column] for column in surface.triangles.T)
     faces = np.cross(b - a, c - a)
     faces /= np.maximum(np.linalg.norm(faces, axis=1, keepdims=True), 1e-30)
-    sums = np.zeros_like(surface.vertices)
-    counts = np.zeros(len(surface.vertices))
+    count = len(surface.vertices)
+    squares, sums = np.zeros((count, 3, 3)), np.zeros((count, 3))
     for column in surface.triangles.T:
+        np.add.at(squares, column, faces[:, :, None] * faces[:, None, :])
         np.add.at(sums, column, faces)
-        np.add.at(counts, column, 1.0)
-    lengths = np.linalg.norm(sums, axis=1) / np.maximum(counts, 1.0)
-    mean: Array = sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-30)
-    found: Array = mean / np.maximum(lengths, _SHARPEST)[:, None]
+    found: Array = np.einsum("nij,nj->ni", np.linalg.pinv(squares, rcond=_FLATTEST, hermitian=True), sums)
+    found *= np.minimum(1.0, _FARTHEST / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-30))
     return found
