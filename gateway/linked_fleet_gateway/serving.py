@@ -40,8 +40,8 @@ VERSION = 1
 
 __all__ = [
     "VERSION", "Act", "Authenticated", "BadToken", "Caller", "ConnectionEnded", "Identities", "Issuer", "IssuerFailed",
-    "Live", "MotionPlanner", "NoAnswer", "NoReply", "Paths", "QuestionProcess", "RedisConnection", "Rendition", "Replica", "Reply",
-    "ReplyTooLong", "RobotTime", "StoredRecords", "TokenBuckets", "WebLink", "Worker",
+    "Live", "MotionPlanner", "NoAnswer", "NoReply", "Paths", "QuestionProcess", "RedisConnection", "Rendition",
+    "Replica", "Reply", "ReplyTooLong", "RobotTime", "StoredRecords", "TokenBuckets", "WebLink", "Worker",
     "arrival_of", "await_preconditions", "check_acceptable", "check_preconditions", "convert_body", "created_response",
     "frame", "link_header", "not_modified", "parse_body", "parse_form", "patch_types", "problem", "read_body",
     "read_change", "resolve_under_preconditions", "robot_time", "run_last_step", "stop_segments", "wants_events",

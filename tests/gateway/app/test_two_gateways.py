@@ -41,7 +41,7 @@ def here(tmp_path: Path) -> Iterator[Here]:
         first = ("-m", "linked_fleet_gateway", "--port", str(ports[0]), *shared)
         other = ("-m", "linked_fleet_gateway", "--port", str(ports[1]), *shared)
         with (
-            process(*first, "--extensions", name, "--extensions-off", "world,foxglove,navigation") as one,
+            process(*first, "--extensions", name, "--extensions-off", "world,foxglove,navigation,planning") as one,
             process(*other) as two,
         ):
             one.said("serving")

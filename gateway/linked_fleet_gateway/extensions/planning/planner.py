@@ -44,7 +44,7 @@ from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import JointKind
 from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.serving import Caller, NoReply
+from linked_fleet_gateway.serving import Caller, MotionPlanner, NoReply, Paths
 
 _log = logging.getLogger(__name__)
 
@@ -82,8 +82,8 @@ class PlannerProcess(Checker):
         return answer
 
 
-class Planner:
-    """Implements ``MotionPlanner``. It must be closed."""
+class Planner(MotionPlanner):
+    """The planner of the gateway. It must be closed."""
 
     def __init__(self, core: Core, world: World, meshes: Meshes, folder: FilePath) -> None:
         self._core, self._checks = core, world.checks
@@ -217,8 +217,8 @@ class Planner:
         return {name for name, joint in joints.items() if joint.kind is JointKind.PRISMATIC}
 
 
-class PlannedPaths:
-    """Implements ``Paths``: the direct one, and planned ones if something is in its way."""
+class PlannedPaths(Paths):
+    """The direct path, and planned ones if something is in its way."""
 
     def __init__(self, planner: Planner, motion: Motion, caller: Caller, own_id: str) -> None:
         self._planner, self._motion, self._caller, self._own_id = planner, motion, caller, own_id
