@@ -205,7 +205,7 @@ class _Tokens:
         """Return the keys under which other nodes have the interface in this role, with their transport."""
         with self._lock:
             return {
-                transport.key(interface, offer.type_hash): transport
+                transport.key(interface, offer.key_hash): transport
                 for transport, offers in self._offers.values()
                 for offer in offers
                 if (offer.role, offer.interface) == (role, interface)

@@ -25,7 +25,7 @@ PARTS = ("router", "robot", "agent")
 def programs(place: Place, side: str, pause_s: float) -> dict[str, Callable[[], Any]]:
     """Return how the programs of a fleet are run: a router, or a bridge, is ``router`` here."""
     where, domain = endpoint(), free_domain()
-    source = f"--robot=arm={side}:{where}?expose=/fibonacci&types={SOURCES}/interfaces&distro=kilted"
+    source = f"--robot=arm={side}:{where}?expose=/fibonacci&types={SOURCES}/interfaces_of_tests&distro=kilted"
     agent = partial(process, "-m", "linked_fleet_agent", source, "--connect", place.zenoh)
     if side == "ros2":
         way: dict[str, Callable[[], Any]] = {
