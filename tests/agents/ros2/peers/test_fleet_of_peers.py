@@ -95,9 +95,13 @@ def test_a_service_without_an_answer_fails_and_names_its_time(arm: Thing) -> Non
 
 
 def test_a_goal_has_feedback_and_a_result(arm: Thing) -> None:
-    end = end_of(begin(arm["ros"].actions["fibonacci"], order=6))
+    run = begin(arm["ros"].actions["fibonacci"], order=6)
+    end = end_of(run)
     assert (end.state, end.said["output"]) == ("succeeded", {"sequence": [0, 1, 1, 2, 3, 5]})
     assert end.said["feedback"] == {"sequence": [0, 1, 1, 2, 3, 5]}
+    assert {name: each.number for name, each in run.output.items()} == {
+        f"sequence[{at}]": number for at, number in enumerate([0, 1, 1, 2, 3, 5])
+    }
 
 
 def test_a_goal_is_refused(arm: Thing) -> None:
