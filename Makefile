@@ -297,8 +297,8 @@ $(CLIENTS): tests/strangers/clients.txt | .venv/stamp
 # Builds programs of ROS 2, with which tests of make test-long speak: rclpy, the bridge from DDS, a robot on rmw_zenoh.
 ros-peers: $(ROS_PEERS)
 
-$(ROS_PEERS): $(PEERS)/build $(PEERS)/packages.txt $(PEERS)/rust/Cargo.lock $(shell find $(PEERS)/rust $(PEERS)/interfaces -type f) | .venv/stamp
-	@echo "Building programs of ROS 2. The first time takes five minutes."
+$(ROS_PEERS): $(PEERS)/build $(PEERS)/packages.txt $(PEERS)/rust/Cargo.lock $(shell find $(PEERS)/rust $(wildcard $(PEERS)/interfaces*) -type f) | .venv/stamp
+	@echo "Building programs of ROS 2. The first time takes six minutes."
 	@$(PEERS)/build $(BIN)/python
 	@touch $@
 

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import datetime
 from typing import Protocol
 
@@ -89,7 +90,8 @@ class Invocation(Resource):
 
     def _named(self, predicate: URIRef) -> dict[str, Value]:
         found = _below(self.document().graph, self.node, predicate)
-        return {self._names().get(key.partition(".")[0], key): value for key, value in found.items()} if found else {}
+        names = self._names() if found else {}
+        return {_renamed(key, names): value for key, value in found.items()}
 
     def _names(self) -> dict[str, str]:
         """Return the names of members of what the action produces, by the local names of their predicates."""
@@ -164,6 +166,11 @@ def _below(graph: Graph, node: Node, predicate: URIRef) -> dict[str, Value]:
         if key.startswith((f"{name}.", f"{name}[")) or key == name:
             found[key.removeprefix(name).lstrip(".")] = value
     return found
+
+
+def _renamed(key: str, names: Mapping[str, str]) -> str:
+    """Return the key with the names of members instead of the local names of their predicates."""
+    return re.sub(r"[^.\[\]]+", lambda found: names.get(found[0], found[0]), key)
 
 
 def _word(term: Node | None) -> str | None:

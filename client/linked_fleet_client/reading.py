@@ -22,6 +22,7 @@ _MOST = 20_000
 @dataclass(frozen=True)
 class Reading:
     """Values by the path of predicates that leads to them, such as ``position.x``; ``scalars`` are those with a unit.
+    Items of lists have their number, as ``sequence[0]``.
 
     A number that the server says is unknown is a Quantity without number.
     """
@@ -60,11 +61,26 @@ def _walk(
             scalar = predicate in NUMBERS and bool(key)
             name = key if scalar else f"{key}.{local_name(str(predicate))}".lstrip(".")
             name += f"[{_label(graph, value) or index}]" if many else ""
-            if isinstance(value, BNode):
-                if value not in above and len(above) < _DEEPEST:
-                    yield from _walk(graph, value, name, _time(graph, value, time), (*above, value))
-            elif (said := _value(value, unit or _own_unit(graph, node, predicate), time)) is not None:
-                yield name, said, predicate in NUMBERS
+            for item_name, item in _items(graph, value, name):
+                if isinstance(item, BNode):
+                    if item not in above and len(above) < _DEEPEST:
+                        yield from _walk(graph, item, item_name, _time(graph, item, time), (*above, item))
+                elif (said := _value(item, unit or _own_unit(graph, node, predicate), time)) is not None:
+                    yield item_name, said, predicate in NUMBERS
+
+
+def _items(graph: Graph, value: Node, name: str, depth: int = 0) -> Iterator[tuple[str, Node]]:
+    """Yield the items of an RDF list with their names, as ``sequence[0]``; anything else as it is."""
+    if value != RDF.nil and (value, RDF.first, None) not in graph:
+        yield name, value
+        return
+    cell: Node | None = value
+    for index in range(_MOST if depth < _DEEPEST else 0):
+        item = graph.value(cell, RDF.first)
+        if item is None:
+            return
+        yield from _items(graph, item, f"{name}[{index}]", depth + 1)
+        cell = graph.value(cell, RDF.rest)
 
 
 def _by_predicate(graph: Graph, node: Node) -> list[tuple[Node, list[Node]]]:

@@ -14,7 +14,7 @@ from bench.lossy import Network, lossy
 from bench.table import UnavailableError
 from browser import Browser
 from running import eventually, free_port, process
-from small_fleet import Place
+from small_fleet import Place, live
 
 pytestmark = pytest.mark.processes
 CART = ("examples/base.py",)
@@ -48,7 +48,7 @@ class Stick:
 @contextlib.contextmanager
 def stick(place: Place, browser: Browser) -> Iterator[Stick]:
     action = f"{place.root}cart/mobile_base/actions/drive"
-    eventually(lambda: browser.http.get(action).status_code == 200, "the cart")
+    live(browser, "cart")  # a robot whose description has come takes nothing before its first frame (503)
     with connect(action.replace("http", "ws", 1), subprotocols=["lf.drive"]) as socket:  # type: ignore[list-item]
         yield Stick(socket)
 

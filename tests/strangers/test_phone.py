@@ -1,5 +1,6 @@
 """The web app of teleop, a package of other people, drives a base by ``examples/phone.py``."""
 
+import contextlib
 import json
 import os
 import ssl
@@ -12,8 +13,9 @@ import httpx
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
+from browser import Browser
 from running import ROOT, eventually, free_port, process
-from small_fleet import Place
+from small_fleet import Place, live
 
 pytestmark = [pytest.mark.test_all, pytest.mark.processes]
 
@@ -27,7 +29,8 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Place]:
     with process(*place.command()) as gateway:
         gateway.said("serving")
         with process("examples/base.py", "--connect", place.zenoh):
-            eventually(lambda: httpx.get(_base(place)).status_code == 200, "the cart")
+            with contextlib.closing(Browser(place.root)) as browser:
+                live(browser, "cart")
             yield place
 
 

@@ -11,7 +11,8 @@ from running import ROOT, Process, free_port, process
 
 SOURCES = ROOT / "tests/agents/ros2/peers"
 BUILT = ROOT / "build/ros-peers"
-PYTHON, BRIDGE, HIROZ_ROBOT = BUILT / "python/bin/python", BUILT / "bin/bridge", BUILT / "bin/hiroz_robot"
+PYTHON, BRIDGE = BUILT / "python/bin/python", BUILT / "bin/bridge"
+HIROZ_ROBOT, ROBOT_OF_HUMBLE = BUILT / "bin/hiroz_robot", BUILT / "bin/hiroz_robot_of_humble"
 URDF = SOURCES / "arm.urdf"
 _DISCOVERY_S, _MOST_STARTS = 10.0, 4
 # Cyclone DDS as the bridge configures it for the same range of discovery: this machine, without multicast.
@@ -86,9 +87,9 @@ def bridge(where: str, domain: int, options: str = "") -> Iterator[Process]:
         raise AssertionError("no bridge found the robot of rclpy")
 
 
-def hiroz_robot(router: str, pause_s: float = 0.1) -> AbstractContextManager[Process]:
+def hiroz_robot(router: str, pause_s: float = 0.1, program: Path = HIROZ_ROBOT) -> AbstractContextManager[Process]:
     """Run the robot on rmw_zenoh at a router; ``pause_s`` is between two steps of its actions."""
-    return peer(HIROZ_ROBOT, router, str(pause_s), str(URDF), environment={"ROS_DOMAIN_ID": "0"})
+    return peer(program, router, str(pause_s), str(URDF), environment={"ROS_DOMAIN_ID": "0"})
 
 
 @contextmanager
@@ -136,13 +137,18 @@ class Restarting:
 
 
 @contextmanager
-def on_rmw_zenoh(pause_s: float = 0.1) -> Iterator[str]:
+def on_rmw_zenoh(pause_s: float = 0.1, program: Path = HIROZ_ROBOT) -> Iterator[str]:
     """Run a router with the robot of hiroz, and return its endpoint."""
     with ExitStack() as stack:
         where = endpoint()
         stack.enter_context(router(where))
-        stack.enter_context(hiroz_robot(where, pause_s))
+        stack.enter_context(hiroz_robot(where, pause_s, program))
         yield where
+
+
+def on_humble(pause_s: float = 0.1) -> AbstractContextManager[str]:
+    """Run a router with the robot of hiroz as of Humble: no hashes of types, and types of that distribution."""
+    return on_rmw_zenoh(pause_s, ROBOT_OF_HUMBLE)
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from typing import Any
 import zenoh
 
 from needs import missing
-from ros_peers import PYTHON, SOURCES, behind_bridge, on_rmw_zenoh, ros_environment
+from ros_peers import PYTHON, SOURCES, behind_bridge, on_humble, on_rmw_zenoh, ros_environment
 from running import eventually
 
 RECORDING = SOURCES / "recording.json"
@@ -32,9 +32,11 @@ def recording() -> dict[str, Any]:
     """Return what the programs say now."""
     with on_rmw_zenoh(_PAUSE_S) as endpoint, _client(endpoint) as session:
         rmw_zenoh = _RmwZenoh(session).record()
+    with on_humble(_PAUSE_S) as endpoint, _client(endpoint) as session:
+        humble = _RmwZenoh(session).record()
     with behind_bridge(_PAUSE_S) as endpoint, _client(endpoint) as session:
         bridge = _Bridge(session).record()
-    return {"messages": messages(), "rmw_zenoh": rmw_zenoh, "bridge": bridge}
+    return {"messages": messages(), "rmw_zenoh": rmw_zenoh, "humble": humble, "bridge": bridge}
 
 
 def messages() -> dict[str, Any]:
@@ -192,7 +194,7 @@ def _without_time(attachment: zenoh.ZBytes) -> str:
 def _text(said: dict[str, Any]) -> str:
     """Return the JSON with one message in each line."""
     lines = [f"  {json.dumps(name)}: {json.dumps(each, ensure_ascii=False)}" for name, each in said["messages"].items()]
-    rest = {name: json.dumps(said[name], indent=1, ensure_ascii=False) for name in ("rmw_zenoh", "bridge")}
+    rest = {name: json.dumps(said[name], indent=1, ensure_ascii=False) for name in ("rmw_zenoh", "humble", "bridge")}
     parts = [f'"{name}": {value}' for name, value in rest.items()]
     return "{\n" + ",\n".join(['"messages": {\n' + ",\n".join(lines) + "\n}", *parts]) + "\n}\n"
 

@@ -120,6 +120,10 @@ class Process:
         return code
 
     @property
+    def pid(self) -> int:
+        return self._child.pid
+
+    @property
     def mapped(self) -> str:
         """The mapped files and memory segments, as the kernel lists them."""
         return Path(f"/proc/{self._child.pid}/maps").read_text()

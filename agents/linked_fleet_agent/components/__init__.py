@@ -2,6 +2,7 @@
 
 from linked_fleet_agent.components.call import Call as Call
 from linked_fleet_agent.components.call import CancelledActionError as CancelledActionError
+from linked_fleet_agent.components.call import EndUnknownError as EndUnknownError
 from linked_fleet_agent.components.component import Component as Component
 from linked_fleet_agent.components.component import action as action
 from linked_fleet_agent.components.component import event as event

@@ -14,6 +14,10 @@ class CancelledActionError(Exception):
     """The action was cancelled: by a client, a stop, a newer motion, or the loss of the last gateway."""
 
 
+class EndUnknownError(Exception):
+    """The action was told to end, and whether it has is not known; the message says why. It fails with that reason."""
+
+
 class Report(Protocol):
     """Takes what an action says while it runs; may be called from any thread."""
 

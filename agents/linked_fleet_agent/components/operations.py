@@ -15,7 +15,7 @@ from typing import Any
 
 import msgspec
 
-from linked_fleet_agent.components.call import Call, CancelledActionError
+from linked_fleet_agent.components.call import Call, CancelledActionError, EndUnknownError
 from linked_fleet_agent.components.declaration import Task
 from linked_fleet_agent.components.input_stream import InputStream
 from linked_fleet_agent.motion import Outcome, State
@@ -250,18 +250,30 @@ class Operations:
         operation.news = True
 
     async def _watch(self, operation: _Operation, running: "Awaitable[Any]") -> None:
+        known = True
         try:
             outcome = _succeeded(operation, await running)
         except (CancelledActionError, asyncio.CancelledError):
             outcome = operation.outcome("failed", "it ended as if it had been cancelled")
+        except EndUnknownError as error:
+            known, outcome = False, operation.outcome("failed", str(error))
+            _log.warning("%s: %s", operation.name, error)
         except Exception as error:  # noqa: BLE001 - a component may raise whatever its hardware library does
             if operation.ending is None:
-                _log.exception("%s failed", operation.name)
+                _log_failure(operation.name, error)
             outcome = operation.outcome("failed", f"{error or type(error).__name__}")
-        if operation.ending is not None:
+        if operation.ending is not None and known:
             outcome = operation.outcome(*operation.ending)
         if self._running.pop(operation.id, None) is not None:
             self._outcomes.append(outcome)
+
+
+def _log_failure(name: str, error: Exception) -> None:
+    """Log one line for what the robot says (ValueError), and where it comes from for anything else."""
+    if type(error) is ValueError:
+        _log.warning("%s failed: %s", name, error)
+    else:
+        _log.error("%s failed", name, exc_info=error)
 
 
 def _succeeded(operation: _Operation, result: Any) -> Outcome:

@@ -86,11 +86,7 @@ async def invoke(request: Request, affordance: Invoke) -> Response:
 
 def _has_no_body(request: Request) -> bool:
     fields = request.arrival.fields
-    return (
-        b"content-type" not in fields
-        and b"transfer-encoding" not in fields
-        and not int(fields.get(b"content-length", b"0") or b"0")
-    )
+    return b"transfer-encoding" not in fields and not int(fields.get(b"content-length", b"0") or b"0")
 
 
 async def put_target(request: Request, affordance: PutTarget) -> Response:
@@ -175,8 +171,13 @@ class _Admitted:
 
 
 def _read_input(offer: Offer, media_type: str, base: str, content: bytes) -> _Admitted:
-    form = partial(_input_form, offer, base)
-    return _admitted(offer, content, parse_form(content, media_type, base + offer.path, base, form, MAX_TRIPLES), base)
+    """Read the input. One without statements in any syntax is none, where the action also runs without a body."""
+    form, optional = partial(_input_form, offer, base), offer.body_is_optional
+    skipped = optional and not content
+    triples = [] if skipped else parse_form(content, media_type, base + offer.path, base, form, MAX_TRIPLES)
+    if optional and not triples:
+        return _Admitted(content, empty_body(offer, base), "")
+    return _admitted(offer, content, triples, base)
 
 
 def _read_target(

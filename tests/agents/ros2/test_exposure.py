@@ -439,6 +439,33 @@ async def test_a_lost_server_makes_the_result_unknown(
     assert client.end().reason.startswith("what became of the goal is not known")
 
 
+@pytest.mark.parametrize("lose", [MemoryAction.forget, lambda server: server.graph.leave(*server.names)])
+async def test_a_goal_that_is_cancelled_after_its_server_was_lost_is_not_called_cancelled(
+    graph: MemoryGraph, configured: Callable[[str], Configuration], lose: Callable[[MemoryAction], None]
+) -> None:
+    server = MemoryAction(graph, "/cell/count", FIBONACCI)
+    client = Client(await exposed(graph, configured('[[action]]\naction = "/cell/count"')))
+    await client.operate("cell", "count", {"order": 5})
+    await client.until(lambda: server.goals)
+    lose(server)
+    client.bench.stop("s", command=ID)
+    await client.until(lambda: client.state() in ("failed", "cancelled"), 30.0)
+    assert client.state() == "failed"
+    assert client.end().reason.startswith("it was cancelled, and what became of the goal is not known: ")
+
+
+async def test_a_refused_goal_is_one_line_in_the_log(
+    graph: MemoryGraph, configured: Callable[[str], Configuration], caplog: pytest.LogCaptureFixture
+) -> None:
+    MemoryAction(graph, "/cell/count", FIBONACCI).accepts = False
+    client = Client(await exposed(graph, configured('[[action]]\naction = "/cell/count"')))
+    await client.operate("cell", "count", {"order": 5})
+    await client.until(lambda: client.state() == "failed")
+    (said,) = [each for each in caplog.records if "accept" in each.getMessage()]
+    assert said.getMessage() == "cell.count failed: /cell/count does not accept the goal"
+    assert (said.levelname, said.exc_info) == ("WARNING", None)
+
+
 async def test_what_is_missing_is_said_and_comes_later(
     graph: MemoryGraph, configured: Callable[[str], Configuration]
 ) -> None:

@@ -50,10 +50,16 @@ OTHER = RmwZenoh(2, "1234567890abcdef1234567890abcdef", "talker")
 @pytest.mark.parametrize(
     ("token", "offers"),
     [
-        (OTHER.token(3, "publisher", SPACED, HASH, KEEP_LAST_ONE), [Offer("publisher", SPACED, HASH)]),
-        (OTHER.token(3, "publisher", CHATTER, HASH, LATCHED), [Offer("publisher", CHATTER, HASH, latched=True)]),
-        (OTHER.token(4, "service", TRIGGER, HUMBLE_HASH, "::,:,:,:,,"), [Offer("service", TRIGGER, HUMBLE_HASH)]),
-        (OTHER.token(5, "subscription", CHATTER, HASH, "2:2:1,10:,:,:,,"), [Offer("subscription", CHATTER, HASH)]),
+        (OTHER.token(3, "publisher", SPACED, HASH, KEEP_LAST_ONE), [Offer("publisher", SPACED, HASH, key_hash=HASH)]),
+        (OTHER.token(3, "publisher", CHATTER, HASH, LATCHED), [Offer("publisher", CHATTER, HASH, True, HASH)]),
+        (
+            OTHER.token(4, "service", TRIGGER, HUMBLE_HASH, "::,:,:,:,,"),
+            [Offer("service", TRIGGER, key_hash=HUMBLE_HASH)],
+        ),
+        (
+            OTHER.token(5, "subscription", CHATTER, HASH, "2:2:1,10:,:,:,,"),
+            [Offer("subscription", CHATTER, HASH, key_hash=HASH)],
+        ),
         (OTHER.node_token, []),
         (LISTENER.token(3, "publisher", SPACED, HASH, KEEP_LAST_ONE), []),  # the driver itself
         (OTHER.token(3, "publisher", SPACED, HASH, KEEP_LAST_ONE).replace("/2/", "/3/", 1), []),  # another domain

@@ -1,16 +1,21 @@
 """A ROS 2 robot that sends another description while its agent runs. Without Zenoh."""
 
 import time
+from contextlib import suppress
+from types import SimpleNamespace
 from typing import cast
 
 import pytest
 
 from descriptions_of_robots import arm
 from linked_fleet_agent.robot import NewDescriptionError, RobotFaultError
+from linked_fleet_agent.robots.ros2 import robot as robot_module
 from linked_fleet_agent.robots.ros2.address import parse_address
 from linked_fleet_agent.robots.ros2.graph import Graph, Mailbox, ReceivedMessage
 from linked_fleet_agent.robots.ros2.robot import Ros2Robot, facts_of
+from linked_fleet_agent.urdf import UrdfError
 from ros2_robot import joint_state, text
+from running import eventually
 
 
 class Session:
@@ -67,7 +72,34 @@ def test_a_description_that_is_refused_is_a_fault_until_a_good_one_comes() -> No
         with pytest.raises(RobotFaultError, match=r"new description, which is refused: .* version '2\.0'"):
             _read(robot, session)
     _deliver(session.descriptions, text(arm()))
-    assert _read(robot, session) == (0.5, -0.5)
+
+    def is_read() -> bool:
+        with suppress(RobotFaultError):
+            return _read(robot, session) == (0.5, -0.5)
+        return False
+
+    eventually(is_read, "the state of the robot with a good description")
+
+
+def test_a_flood_of_descriptions_costs_little_of_the_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One that takes a second is followed by fifty without another."""
+    session, judged, later_s = Session(), list[float](), [0.0]
+
+    def slowly(name: str, arrived: ReceivedMessage) -> None:
+        judged.append(later_s[0])
+        later_s[0] += 1.0
+        raise UrdfError("it is no robot")
+
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + later_s[0], time_ns=time.time_ns)
+    robot = _robot(session)
+    monkeypatch.setattr(robot_module, "facts_of", slowly)
+    monkeypatch.setattr(robot_module, "time", clock)
+    for number in range(1100):
+        _deliver(session.descriptions, text(arm(more=f"<!-- {number} -->")))
+        with pytest.raises(RobotFaultError, match="it is no robot"):
+            _read(robot, session)
+        later_s[0] += 0.1
+    assert [round(each) for each in judged] == [0, 51, 102]
 
 
 def test_bytes_that_are_no_description_are_ignored(caplog: pytest.LogCaptureFixture) -> None:

@@ -12,8 +12,8 @@ from ros_peers import SOURCES
 from ros_recording import GID, GOAL, NO_GOAL, OTHER_GOAL, RECORDING
 
 SAID = json.loads(RECORDING.read_text(encoding="utf-8"))
-TYPES = MessageTypes([SOURCES / "interfaces", SOURCES / "interfaces_of_rclpy"], preferred="kilted")
-TRANSPORTS: dict[str, Transport] = {"rmw_zenoh": RmwZenoh(0), "bridge": DdsBridge()}
+TYPES = MessageTypes([SOURCES / "interfaces_of_tests", SOURCES / "interfaces_of_rclpy"], preferred="kilted")
+TRANSPORTS: dict[str, Transport] = {"rmw_zenoh": RmwZenoh(0), "humble": RmwZenoh(0), "bridge": DdsBridge()}
 ZERO_STAMP = {"sec": 0, "nanosec": 0}
 FIBONACCI = TYPES.action("test_msgs/action/Fibonacci")
 CANCEL = TYPES.service("action_msgs/srv/CancelGoal")
@@ -66,8 +66,10 @@ def test_a_type_has_the_hash_that_rclpy_states(name: str) -> None:
 @pytest.mark.parametrize("side", TRANSPORTS)
 def test_all_tokens_but_those_of_nodes_and_of_the_bridge_are_offers(side: str) -> None:
     strange = [token for token in SAID[side]["tokens"] if not TRANSPORTS[side].offers_of(token)]
+    node = "@ros2_lv/0/ID/0/NUMBER/NN/%/%/hiroz_robot"
     own = {
-        "rmw_zenoh": ["@ros2_lv/0/ID/0/NUMBER/NN/%/%/hiroz_robot"],
+        "rmw_zenoh": [node],
+        "humble": [node],
         # A client of an action offers nothing.
         "bridge": ["@/ID/@ros2_lv", "@/ID/@ros2_lv/AC/fastdds§fibonacci/test_msgs§action§Fibonacci"],
     }
@@ -77,12 +79,12 @@ def test_all_tokens_but_those_of_nodes_and_of_the_bridge_are_offers(side: str) -
 @pytest.mark.parametrize("side", TRANSPORTS)
 def test_tokens_name_roles_types_hashes_and_what_is_latched(side: str) -> None:
     hashed = {
-        name: SAID["messages"][name]["hash"]
+        name: "" if side == "humble" else SAID["messages"][name]["hash"]
         for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/String", "trajectory_msgs/msg/JointTrajectory")
     }
     state, text, trajectory = hashed
     commands = "/joint_trajectory_controller/joint_trajectory"
-    said = offers(side)
+    said = [each._replace(key_hash="") for each in offers(side)]
     assert Offer("publisher", Interface("/joint_states", state), hashed[state]) in said
     assert Offer("publisher", Interface("/robot_description", text), hashed[text], latched=True) in said
     assert Offer("subscription", Interface(commands, trajectory), hashed[trajectory]) in said
@@ -94,6 +96,10 @@ def test_tokens_name_roles_types_hashes_and_what_is_latched(side: str) -> None:
         Interface("/fibonacci/_action/feedback", "test_msgs/action/Fibonacci_FeedbackMessage"): False,
         Interface("/fibonacci/_action/status", "action_msgs/msg/GoalStatusArray"): True,
     }
+
+
+def test_nodes_of_humble_state_no_hash_and_have_a_word_in_its_place_in_keys() -> None:
+    assert {(each.type_hash, each.key_hash) for each in offers("humble")} == {("", "TypeHashNotSupported")}
 
 
 def test_types_of_services_and_actions_have_the_hashes_that_hiroz_states() -> None:
@@ -111,7 +117,7 @@ def test_requests_are_sent_and_responses_read_as_they_were(side: str) -> None:
         name = f"/fibonacci/_action/{part}" if part in GOAL_PARTS else f"/{part}"
         offer = hashes[name]
         type_ = GOAL_PARTS.get(part) or TYPES.service(offer.interface.type)
-        assert TRANSPORTS[side].key(offer.interface, offer.type_hash) == said["key"]
+        assert TRANSPORTS[side].key(offer.interface, offer.key_hash) == said["key"]
         assert type_.request.write(request).hex() == said["request"]
         assert type_.response.read(bytes.fromhex(said["reply"])) == response
         assert said.get("attachment") == (attachment(7, 0, GID).hex() if TRANSPORTS[side].attaches else None)

@@ -1,16 +1,13 @@
 """A goal of ROS carried out as a run of an action of a component."""
 
 import asyncio
-import logging
 from collections.abc import Callable, Collection, Mapping
 from contextlib import suppress
 from typing import Any
 
-from linked_fleet_agent.components.call import Call
+from linked_fleet_agent.components.call import Call, EndUnknownError
 from linked_fleet_agent.robots.ros2.goals import SUCCEEDED, ActionClient, GoalEnd, GoalError, goal_id_of
 from linked_fleet_agent.robots.ros2.types import MessageType
-
-_log = logging.getLogger(__name__)
 
 _FEEDBACK_S, _AGAIN_S = 0.1, 0.5
 _ENDS = {5: "was cancelled by another client of ROS", 6: "was given up by the robot"}
@@ -22,7 +19,8 @@ async def run_goal(
 ) -> GoalEnd:
     """Carry out a goal until it ends, with one of these statuses, and cancel it together with the action.
 
-    ``tell`` is called with the newest feedback, ten times a second at most. Raises ValueError with what went wrong.
+    ``tell`` is called with the newest feedback, ten times a second at most. Raises ValueError with what went wrong, and
+    EndUnknownError if it was cancelled and the server does not say that it has ended.
     """
     goal_id = goal_id_of(call.id)
     try:
@@ -63,7 +61,7 @@ async def follow_goal(
 
 
 async def _cancel(client: ActionClient, goal_id: bytes) -> None:
-    """Cancel a goal, again and again, until it has ended: only then does the robot stand."""
+    """Cancel a goal, again and again, until it has ended: only then does the robot stand. Raises EndUnknownError."""
     ending = asyncio.ensure_future(client.result(goal_id))
     try:
         while not ending.done():
@@ -72,7 +70,7 @@ async def _cancel(client: ActionClient, goal_id: bytes) -> None:
             await asyncio.wait({ending}, timeout=_AGAIN_S)
         ending.result()
     except GoalError as error:
-        _log.warning("%s: a goal was cancelled, and %s", client.name, error)
+        raise EndUnknownError(f"it was cancelled, and {error}") from error
     finally:
         ending.cancel()
 

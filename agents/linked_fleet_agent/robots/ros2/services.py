@@ -48,7 +48,7 @@ async def ask(graph: Graph, types: MessageTypes, service: str, type: str, reques
 def hash_of(offers: Iterable[Offer], role: Role, name: str, type: str) -> str:
     """Return the hash of a type as the node that offers an interface states it; empty if it states none."""
     said = (each.type_hash for each in offers if each.role == role and each.interface == Interface(name, type))
-    return next((each for each in said if each.startswith("RIHS01_")), "")
+    return next(filter(None, said), "")
 
 
 async def parameters_of(graph: Graph, types: MessageTypes, node: str, names: Sequence[str]) -> Mapping[str, object]:

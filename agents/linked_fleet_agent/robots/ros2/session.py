@@ -182,6 +182,7 @@ class _Tokens:
     def __init__(self, join_bridge: Callable[[], None]) -> None:
         self._join_bridge = join_bridge
         self._offers: dict[str, tuple[Transport, tuple[Offer, ...]]] = {}
+        self._listed: tuple[Offer, ...] | None = None
         self._lock = threading.Lock()
         self.version, self.has_bridge = 0, False
 
@@ -197,15 +198,18 @@ class _Tokens:
 
         return take
 
-    def offers(self) -> list[Offer]:
+    def offers(self) -> tuple[Offer, ...]:
+        """Return what is announced, each once; made anew when a token has come or gone."""
         with self._lock:
-            return list(dict.fromkeys(offer for _, offers in self._offers.values() for offer in offers))
+            if self._listed is None:
+                self._listed = tuple(dict.fromkeys(offer for _, offers in self._offers.values() for offer in offers))
+            return self._listed
 
     def keys(self, role: Role, interface: Interface) -> dict[str, Transport]:
         """Return the keys under which other nodes have the interface in this role, with their transport."""
         with self._lock:
             return {
-                transport.key(interface, offer.type_hash): transport
+                transport.key(interface, offer.key_hash): transport
                 for transport, offers in self._offers.values()
                 for offer in offers
                 if (offer.role, offer.interface) == (role, interface)
@@ -218,6 +222,7 @@ class _Tokens:
                 self._offers.pop(token, None)
             elif offers and (token in self._offers or len(self._offers) < MAX_OFFERS):
                 self._offers[token] = transport, offers
+            self._listed = None
             self.version += 1
 
 

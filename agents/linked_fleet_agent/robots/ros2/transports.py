@@ -75,7 +75,8 @@ class RmwZenoh:
         interface = _interface(name, _ros(dds))
         if interface is None or len(quality) < 3 or (said != HUMBLE_HASH and not _HASH.fullmatch(said)):
             return ()
-        return (Offer(_ROLES[parts[5]], interface, said, quality[1] == "1"),)
+        hash_ = "" if said == HUMBLE_HASH else said
+        return (Offer(_ROLES[parts[5]], interface, hash_, quality[1] == "1", key_hash=said),)
 
     @property
     def node_token(self) -> str:

@@ -15,7 +15,7 @@ from linked_fleet_agent.robots.ros2.exposure import expose
 from linked_fleet_agent.robots.ros2.graph import Graph
 from linked_fleet_agent.robots.ros2.session import RosSession
 from linked_fleet_agent.robots.ros2.types import MessageTypes
-from ros_peers import SOURCES, behind_bridge, on_rmw_zenoh
+from ros_peers import SOURCES, behind_bridge, on_humble, on_rmw_zenoh
 from running import eventually
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -25,9 +25,9 @@ NAMES = ("/lamp", "/set_lamp", "/home", "/fibonacci/_action/send_goal", "/fibona
 
 
 @asynccontextmanager
-async def joined(where: str, bridged: bool) -> AsyncIterator[tuple[Graph, MessageTypes]]:
+async def joined(where: str, bridged: bool, distro: str = "") -> AsyncIterator[tuple[Graph, MessageTypes]]:
     """Yield the graph of a robot, as soon as all of it is there."""
-    types = MessageTypes([SOURCES / "interfaces"])
+    types = MessageTypes([SOURCES / "interfaces_of_tests"], preferred=distro)
 
     def hash_of(name: str) -> str:
         try:
@@ -73,8 +73,8 @@ class Client:
         return found
 
 
-async def _use(where: str, bridged: bool) -> None:
-    async with joined(where, bridged) as (graph, types):
+async def _use(where: str, bridged: bool, distro: str = "") -> None:
+    async with joined(where, bridged, distro) as (graph, types):
         made = await expose(graph, types, read_configuration(None, expose=["/*"]))
         root = next(each for each in made.components if each.name == "ros")
         said = root.declaration().said
@@ -105,6 +105,11 @@ async def _cancel(client: Client, id: str) -> None:
 async def test_what_is_exposed_works_over_rmw_zenoh() -> None:
     with on_rmw_zenoh() as where:
         await _use(where, bridged=False)
+
+
+async def test_what_is_exposed_works_with_nodes_that_state_no_hashes() -> None:
+    with on_humble() as where:
+        await _use(where, bridged=False, distro="humble")
 
 
 async def test_what_is_exposed_works_behind_the_bridge() -> None:

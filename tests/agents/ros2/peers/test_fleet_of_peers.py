@@ -1,23 +1,26 @@
 """Real robots of ROS 2 in a fleet, used by a client: what they are, services, goals with feedback, refusals, a stop."""
 
 from collections.abc import Iterator
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
-import httpx
 import pytest
 
-from linked_fleet_client.errors import NoSuchThing
+from connections import http_client
 from linked_fleet_client.fleet import Fleet, Thing
-from linked_fleet_client.invocation import Invocation
-from ros_peers import SOURCES, behind_bridge, on_rmw_zenoh
+from robot_client import await_angle, begin, end_of, joint_angle, state_of
+from ros_peers import SOURCES, behind_bridge, on_humble, on_rmw_zenoh
 from running import eventually, process
 from small_fleet import Place
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
-SIDES = {"ros2": on_rmw_zenoh, "ros2dds": behind_bridge}
+SIDES = {
+    "rmw_zenoh": ("ros2", on_rmw_zenoh, "kilted"),
+    "humble": ("ros2", on_humble, "humble"),
+    "bridge": ("ros2dds", behind_bridge, "kilted"),
+}
 PAUSE_S = 0.2
 FILE = """
 [[property]]
@@ -39,94 +42,82 @@ action = "fibonacci"
 """
 
 
-class Ended(NamedTuple):
-    """How an invocation ended, as JSON."""
-
-    state: str
-    reason: str
-    said: dict[str, Any]
-
-
 @pytest.fixture(scope="module", params=SIDES)
 def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Thing]:
     """Yield the robot in its fleet."""
     folder = tmp_path_factory.mktemp("fleet")
     with ExitStack() as stack:
-        endpoint = stack.enter_context(SIDES[request.param](PAUSE_S))
+        scheme, run, distro = SIDES[request.param]
+        endpoint = stack.enter_context(run(PAUSE_S))
         place = Place(folder)
         stack.enter_context(place.gateway())
-        stack.enter_context(agent(place, f"{request.param}:{endpoint}", folder))
+        stack.enter_context(agent(place, f"{scheme}:{endpoint}", distro, folder))
         fleet = stack.enter_context(Fleet(place.root))
-        eventually(lambda: measured(fleet), "the position of a joint")
+        eventually(lambda: joint_angle(fleet, "arm/pan") is not None, "the position of a joint")
         yield fleet["arm"]
 
 
-def agent(place: Place, address: str, folder: Path) -> Any:
+def agent(place: Place, address: str, distro: str, folder: Path) -> Any:
     (folder / "arm.toml").write_text(FILE)
-    options = f"config={folder}/arm.toml&types={SOURCES}/interfaces&distro=kilted"
+    # Joint states of a busy machine may be a second late.
+    options = f"stale=5&config={folder}/arm.toml&types={SOURCES}/interfaces_of_tests&distro={distro}"
     return process("-m", "linked_fleet_agent", f"--robot=arm={address}?{options}", "--connect", place.zenoh)
-
-
-def measured(fleet: Fleet) -> bool:
-    """Return True if a joint has a position."""
-    with suppress(NoSuchThing):
-        return fleet["arm"]["pan"].properties["rotation"].value.number is not None
-    return False
-
-
-def state(run: Invocation) -> dict[str, Any]:
-    said: dict[str, Any] = httpx.get(run.iri, headers={"accept": "application/json"}).json()
-    return said
-
-
-def ended(run: Invocation) -> Ended:
-    word, said = run.wait(timeout_s=60), state(run)
-    return Ended(str(word), said.get("reason", ""), said)
 
 
 def test_battery_and_diagnostics_are_read(arm: Thing) -> None:
     eventually(lambda: arm["battery"].properties["charge"].value.number == 75.0, "the charge")
-    page = httpx.get(f"{arm.iri}diagnostics/status", headers={"accept": "application/json"}).text
-    assert '{"name":"motor","level":"warning","message":"warm"}' in page
+    with http_client(headers={"accept": "application/json"}) as http:
+        status = f"{arm.iri}diagnostics/status"
+        eventually(lambda: '{"name":"motor","level":"warning","message":"warm"}' in http.get(status).text, status)
 
 
 def test_joints_move(arm: Thing) -> None:
-    assert ended(arm["pan"].actions["rotate"](value=0.6, unit="rad"))[:2] == ("succeeded", "")
-    assert arm["pan"].properties["rotation"].value.number == pytest.approx(0.6, abs=0.02)
-    assert ended(arm["ros"].actions["home"]())[:2] == ("succeeded", "")
-    eventually(lambda: abs(arm["pan"].properties["rotation"].value.number) < 0.01, "it is at home")
+    assert end_of(begin(arm["pan"].actions["rotate"], value=0.6, unit="rad"))[:2] == ("succeeded", "")
+    await_angle(arm, "pan", 0.6, within=0.02)
+    assert end_of(begin(arm["ros"].actions["home"]))[:2] == ("succeeded", "")
+    await_angle(arm, "pan", 0.0)
 
 
 def test_a_service_is_an_action_and_a_latched_topic_a_property(arm: Thing) -> None:
-    ended(arm["ros"].actions["set_lamp"](data=False))
-    lit = ended(arm["ros"].actions["set_lamp"](data=True))
+    end_of(begin(arm["ros"].actions["set_lamp"], data=False))
+    lit = end_of(begin(arm["ros"].actions["set_lamp"], data=True))
     assert lit.said["output"] == {"success": True, "message": "switched"}
     eventually(lambda: arm["ros"].properties["lamp"].reading.values == {"value": True}, "the lamp is on")
-    again = ended(arm["ros"].actions["set_lamp"](data=True))
+    again = end_of(begin(arm["ros"].actions["set_lamp"], data=True))
     assert again[:2] == ("failed", "as it was"), "success is false"
 
 
 def test_a_service_without_an_answer_fails_and_names_its_time(arm: Thing) -> None:
-    assert ended(arm["ros"].actions["silence"]())[:2] == ("failed", "it did not end within the 1 s that it may take")
+    assert end_of(begin(arm["ros"].actions["silence"]))[:2] == (
+        "failed",
+        "it did not end within the 1 s that it may take",
+    )
 
 
 def test_a_goal_has_feedback_and_a_result(arm: Thing) -> None:
-    end = ended(arm["ros"].actions["fibonacci"](order=6))
+    run = begin(arm["ros"].actions["fibonacci"], order=6)
+    end = end_of(run)
     assert (end.state, end.said["output"]) == ("succeeded", {"sequence": [0, 1, 1, 2, 3, 5]})
     assert end.said["feedback"] == {"sequence": [0, 1, 1, 2, 3, 5]}
+    assert {name: each.number for name, each in run.output.items()} == {
+        f"sequence[{at}]": number for at, number in enumerate([0, 1, 1, 2, 3, 5])
+    }
 
 
 def test_a_goal_is_refused(arm: Thing) -> None:
-    assert ended(arm["ros"].actions["fibonacci"](order=-1))[:2] == ("failed", "/fibonacci does not accept the goal")
+    assert end_of(begin(arm["ros"].actions["fibonacci"], order=-1))[:2] == (
+        "failed",
+        "/fibonacci does not accept the goal",
+    )
 
 
 def test_a_goal_is_cancelled(arm: Thing) -> None:
-    run = arm["ros"].actions["fibonacci"](order=900)
-    eventually(lambda: state(run).get("feedback"), "a feedback")
+    run = begin(arm["ros"].actions["fibonacci"], order=900)
+    eventually(lambda: state_of(run).get("feedback"), "a feedback")
     run.cancel()
-    assert ended(run).state == "cancelled"
+    assert end_of(run).state == "cancelled"
     # The robot ends it, so that another one begins at once.
-    assert ended(arm["ros"].actions["fibonacci"](order=3)).state == "succeeded"
+    assert end_of(begin(arm["ros"].actions["fibonacci"], order=3)).state == "succeeded"
 
 
 @pytest.fixture
@@ -138,34 +129,36 @@ def full_arm(arm: Thing) -> Thing:
 
 
 def test_a_controller_that_gives_a_trajectory_up_says_why(full_arm: Thing) -> None:
-    end = ended(full_arm["pan"].actions["rotate"](value=1.95, unit="rad"))
+    end = end_of(begin(full_arm["pan"].actions["rotate"], value=1.95, unit="rad"))
     assert end.state == "failed"
     assert end.reason.endswith("the path tolerance is violated (pan: path error 0.2 > 0.1)")
 
 
 def test_a_grasp_that_meets_something_holds_it(full_arm: Thing) -> None:
-    assert ended(full_arm["gripper"].actions["open"](width=0.08)).state == "succeeded"
-    end = ended(full_arm["gripper"].actions["grasp"](force=20))
+    assert end_of(begin(full_arm["gripper"].actions["open"], width=0.08)).state == "succeeded"
+    end = end_of(begin(full_arm["gripper"].actions["grasp"], force=20))
     assert (end.state, end.said["output"]["holding"]) == ("succeeded", True)
     assert end.said["output"]["width"] == pytest.approx(0.01)
 
 
 def test_nav2_drives_to_a_pose_on_the_map(full_arm: Thing) -> None:
-    run = full_arm["navigation"].actions["navigateToPose"](x=2.0, y=0.5)
-    feedback = eventually(lambda: state(run).get("feedback"), "a feedback")
+    run = begin(full_arm["navigation"].actions["navigateToPose"], x=2.0, y=0.5)
+    feedback = eventually(lambda: state_of(run).get("feedback"), "a feedback")
     assert feedback["recoveries"] == 0
-    assert ended(run)[:2] == ("succeeded", "")
+    assert end_of(run)[:2] == ("succeeded", "")
     pose = full_arm["navigation"].properties["mapPose"]
     eventually(lambda: {2.0, 0.5} <= {each.number for each in pose.reading.values.values()}, "it is there")
 
 
-def test_nav2_says_why_it_gives_up(full_arm: Thing) -> None:
-    end = ended(full_arm["navigation"].actions["navigateToPose"](x=500.0, y=0.5))
-    assert end[:2] == ("failed", "it was given up by the robot: error 208 (no valid path found)")
+def test_nav2_says_why_it_gives_up(full_arm: Thing, request: pytest.FixtureRequest) -> None:
+    """That of Humble has no member for it in its result."""
+    why = "" if request.node.callspec.params["arm"] == "humble" else ": error 208 (no valid path found)"
+    end = end_of(begin(full_arm["navigation"].actions["navigateToPose"], x=500.0, y=0.5))
+    assert end[:2] == ("failed", f"it was given up by the robot{why}")
 
 
 def test_a_stop_cancels_what_nav2_does(full_arm: Thing) -> None:
-    run = full_arm["navigation"].actions["navigateToPose"](x=1.0, y=0.0)
-    eventually(lambda: state(run).get("feedback"), "a feedback")
-    assert ended(full_arm.actions["stop"]()).state == "succeeded"
-    assert ended(run).state in ("cancelled", "preempted")
+    run = begin(full_arm["navigation"].actions["navigateToPose"], x=1.0, y=0.0)
+    eventually(lambda: state_of(run).get("feedback"), "a feedback")
+    assert end_of(full_arm.actions["stop"]()).state == "succeeded"
+    assert end_of(run).state in ("cancelled", "preempted")

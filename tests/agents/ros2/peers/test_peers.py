@@ -21,7 +21,7 @@ from linked_fleet_agent.robots.ros2.graph import CallError, Interface
 from linked_fleet_agent.robots.ros2.robot import Ros2Robot
 from linked_fleet_agent.robots.ros2.session import RosSession
 from linked_fleet_agent.robots.ros2.types import MessageTypes, ServiceType
-from ros_peers import URDF, behind_bridge, hiroz_robot, on_rmw_zenoh
+from ros_peers import URDF, behind_bridge, hiroz_robot, on_humble, on_rmw_zenoh
 from ros_recording import RECORDING, recording
 from running import eventually
 
@@ -29,14 +29,19 @@ pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 TYPES = MessageTypes(preferred="kilted")
 LONGEST = 65_536
-SIDES = {"ros2:": on_rmw_zenoh, "ros2dds:": behind_bridge}
+SIDES = {
+    "rmw_zenoh": ("ros2:{}", on_rmw_zenoh),
+    "humble": ("ros2:{}?distro=humble", on_humble),
+    "bridge": ("ros2dds:{}", behind_bridge),
+}
 
 
 @pytest.fixture(scope="module", params=SIDES)
 def address(request: pytest.FixtureRequest) -> Iterator[str]:
     """Yield the address of a robot that is there."""
-    with SIDES[request.param]() as endpoint:
-        yield request.param + endpoint
+    address, run = SIDES[request.param]
+    with run() as endpoint:
+        yield address.format(endpoint)
 
 
 @pytest.fixture

@@ -183,6 +183,31 @@ def test_what_violates_the_shape_is_refused_with_a_sentence(
     assert not hall.cell.lamp.lit and hall.cell.gripper.gap == 0.08
 
 
+NOTHING = {
+    "text/turtle": b"@prefix lf: <https://w3id.org/linked-fleet#> .",
+    "application/n-triples": b"# nothing",
+    "application/ld+json": b"{}",
+    "application/rdf+xml": b'<rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#"/>',
+    "application/json": b"{}",
+}
+
+
+@pytest.mark.parametrize("media_type", NOTHING)
+def test_an_action_whose_inputs_are_all_optional_takes_an_empty_body_in_every_syntax(
+    hall: Hall, media_type: str
+) -> None:
+    action, headers = f"{hall.root}gripper/actions/grasp", {"content-type": media_type, "prefer": "wait=5"}
+    for content in (NOTHING[media_type], b"", iter([b""])):
+        answer = hall.browser.http.post(action, content=content, headers=headers)
+        assert answer.status_code == 204, answer.text
+        assert hall.browser.page(answer.headers["location"]).one(LF.state) == LF.succeeded
+
+
+def test_the_client_invokes_an_action_without_any_of_its_optional_inputs(hall: Hall) -> None:
+    with Fleet(hall.place.root) as fleet:
+        assert fleet["cell"]["gripper"].actions["grasp"]().wait(timeout_s=5) == "succeeded"
+
+
 def test_an_action_whose_input_may_be_empty_needs_no_body(hall: Hall) -> None:
     answer = hall.browser.http.post(hall.root + "gripper/actions/grasp", headers={"prefer": "wait=5"})
     assert answer.status_code == 204, answer.text

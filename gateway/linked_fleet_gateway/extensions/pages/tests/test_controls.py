@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import httpx
 import pytest
-from playwright.sync_api import Locator, Page, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from authenticated_gateway import SEEN, AuthenticatedGateway, run_authenticated
 from browser import LF
@@ -216,3 +216,26 @@ def test_to_keep_and_to_delete_are_told_apart(page: Page, watched: object, clien
     delete.click()
     expect(page).to_have_url(objects)
     assert client.http.get(crate.headers["location"]).status_code == 404
+
+
+def test_a_page_asks_no_more_for_what_it_has_deleted(page: Page, watched: object, client: Client) -> None:
+    """Its subscription ends before the response to the DELETE comes, which may take a while."""
+    objects = str(client.page(str(client.page(client.root).one(LF.world))).one(LF.objects))
+    crate = client.http.post(objects, content=CRATE, headers=TURTLE).headers["location"]
+    page.clock.install()
+    with page.expect_websocket(lambda socket: crate.partition(":")[2] in socket.url) as socket:
+        page.goto(crate)
+    socket.value.wait_for_event("framereceived")
+
+    def answer_late(route: Route) -> None:
+        if route.request.method == "DELETE":
+            late = route.fetch()
+            page.clock.run_for(3000)
+            route.fulfill(response=late)
+        else:
+            route.continue_()
+
+    page.route(crate, answer_late)
+    page.get_by_role("button", name="Delete crate").click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+    expect(page).to_have_url(objects)

@@ -13,6 +13,8 @@ const served = new Map();
 const adopters = new Set();
 let running = false;
 let wanted = false;
+let held = false;
+let asking = new AbortController();
 
 /** Call a function with each new part of the page, first with the whole page. */
 export function adopt(adopter) {
@@ -24,13 +26,25 @@ export function start() {
   for (const region of document.querySelectorAll(REGION)) served.set(region.id, plain(region));
 }
 
+/** Fetch the page no more until `release`, not even what is on its way. */
+export function hold() {
+  held = true;
+  asking.abort();
+}
+
+export function release() {
+  held = false;
+  asking = new AbortController();
+  if (wanted) refresh();
+}
+
 /** Fetch the page again, unless that was just done. New parts are passed to the functions of `adopt`. */
 export async function refresh() {
   wanted = true;
-  if (running) return;
+  if (running || held) return;
   running = true;
   try {
-    while (wanted) {
+    while (wanted && !held) {
       wanted = false;
       await round();
       await new Promise((resolve) => setTimeout(resolve, SPACING_MS));
@@ -44,7 +58,7 @@ async function round() {
   let page;
   const sentMs = Date.now();
   try {
-    const response = await fetch(location.href, { headers: { Accept: "text/html" }, cache: "no-cache" });
+    const response = await fetch(location.href, { headers: { Accept: "text/html" }, cache: "no-cache", signal: asking.signal });
     if (!response.ok) return;
     agree(response, sentMs);
     page = new DOMParser().parseFromString(await response.text(), "text/html");

@@ -1,8 +1,9 @@
 // Buttons that delete a resource after a confirmation.
 
-import { refresh } from "./region.js";
+import { hold, refresh, release } from "./region.js";
 import { notice } from "./notice.js";
 import { send } from "./request.js";
+import { pauseAll, resumeAll } from "./socket.js";
 
 export function start() {
   document.addEventListener("click", ({ target }) => {
@@ -33,13 +34,27 @@ function ask(button) {
 }
 
 async function remove(button, iri) {
+  const own = iri === document.body.dataset.resource && document.body.dataset.kind !== "lease";
   button.disabled = true;
+  if (own) rest();
   const { problem } = await send("DELETE", iri);
+  if (own && !problem) return leave();
+  if (own) wake();
   button.disabled = false;
   button.blur(); // otherwise its section would wait for it to lose the focus
   if (problem) notice(`${problem.title}. ${problem.detail}`);
-  else if (iri === document.body.dataset.resource && document.body.dataset.kind !== "lease") leave();
   else refresh();
+}
+
+/** Ask for nothing of this page's own resource while it is deleted: its connections end before the response comes. */
+function rest() {
+  hold();
+  pauseAll();
+}
+
+function wake() {
+  release();
+  resumeAll();
 }
 
 function leave() {

@@ -188,15 +188,19 @@ function all(what) {
   for (const channel of [...channels.values()]) channel[what]();
 }
 
+/** Close all connections until `resumeAll`. */
+export const pauseAll = () => all("pause");
+export const resumeAll = () => all("resume");
+
 heartbeat.start(() => channels.size > 0, tell);
 
 let hiding;
 document.addEventListener("visibilitychange", () => {
   clearTimeout(hiding);
-  if (document.hidden) hiding = setTimeout(() => all("pause"), HIDDEN_MS);
-  else all("resume");
+  if (document.hidden) hiding = setTimeout(pauseAll, HIDDEN_MS);
+  else resumeAll();
 });
 // A page with open sockets cannot be kept for the Back button.
-addEventListener("pagehide", () => all("pause"));
-addEventListener("pageshow", ({ persisted }) => persisted && all("resume"));
-addEventListener("online", () => all("resume"));
+addEventListener("pagehide", pauseAll);
+addEventListener("pageshow", ({ persisted }) => persisted && resumeAll());
+addEventListener("online", resumeAll);

@@ -132,7 +132,7 @@ async fn drive(goal: ExecutingGoal<NavigateToPose>, body: Arc<Body>, pause: Dura
     let NavigateToPoseGoal { pose, .. } = goal.goal.clone();
     let (x, y, q) = (pose.pose.position.x - 1.0, pose.pose.position.y, &pose.pose.orientation);
     if x.hypot(y) > 100.0 {
-        return goal.abort(NavigateToPoseResult { error_code: 208, error_msg: "no valid path found".into() });
+        return goal.abort(no_path());
     }
     let start = body.with(|state| state.base);
     for step in 1..=STEPS {
@@ -146,6 +146,17 @@ async fn drive(goal: ExecutingGoal<NavigateToPose>, body: Arc<Body>, pause: Dura
         goal.publish_feedback(progress(at, (x - at.0).hypot(y - at.1), step))?;
     }
     goal.succeed(NavigateToPoseResult::default())
+}
+
+#[cfg(not(feature = "humble"))]
+fn no_path() -> NavigateToPoseResult {
+    NavigateToPoseResult { error_code: 208, error_msg: "no valid path found".into() }
+}
+
+/// Nav2 of Humble does not say why.
+#[cfg(feature = "humble")]
+fn no_path() -> NavigateToPoseResult {
+    NavigateToPoseResult::default()
 }
 
 fn progress(at: (f64, f64, f64), distance: f64, step: u32) -> NavigateToPoseFeedback {

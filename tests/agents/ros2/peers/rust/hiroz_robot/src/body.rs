@@ -188,6 +188,7 @@ fn controllers() -> Vec<ControllerState> {
         name: name.into(),
         state: state.into(),
         r#type: kind.into(),
+        #[cfg(not(feature = "humble"))]
         update_rate: 100,
         claimed_interfaces: interfaces.iter().map(|each| each.to_string()).collect(),
         required_command_interfaces: interfaces.iter().map(|each| each.to_string()).collect(),

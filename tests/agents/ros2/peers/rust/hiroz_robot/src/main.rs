@@ -31,7 +31,11 @@ async fn main() -> Result<()> {
         .with_json("connect/exit_on_failure", false)
         .with_json("connect/retry", json!({"period_init_ms": 100, "period_max_ms": 500, "period_increase_factor": 2}))
         .build()?;
-    let node = context.create_node("hiroz_robot").with_type_description_service().build()?;
+    let node = context.create_node("hiroz_robot");
+    // Nodes of Humble do not describe their types.
+    #[cfg(not(feature = "humble"))]
+    let node = node.with_type_description_service();
+    let node = node.build()?;
     let body = Arc::new(Body::new());
     let topics = body::publish(&node, body.clone(), urdf)?;
     let services = body::serve(&node, body.clone(), topics.lamp.clone())?;
