@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from linked_fleet_agent.robots.ros2.serialization import CdrError as CdrError
 from linked_fleet_agent.robots.ros2.types import MessageTypes
@@ -18,8 +18,7 @@ _TYPES = MessageTypes()
 _STRING, _JOINT_STATE, _TRAJECTORY = (_TYPES.message(each) for each in (STRING, JOINT_STATE, JOINT_TRAJECTORY))
 
 
-@dataclass(frozen=True)
-class JointState:
+class JointState(NamedTuple):
     """A ``sensor_msgs/JointState``: rows in the order of ``names``, rad or m, NaN for missing values.
 
     ``stamp_ns`` is the time of measurement by the robot's clock; 0 if not given.
@@ -43,12 +42,12 @@ def read_string(payload: bytes) -> str:
     return text
 
 
-def read_joint_state(payload: bytes) -> JointState:
+def read_joint_state(payload: bytes, most_bytes: int = MAX_STATE_BYTES) -> JointState:
     """Parse a joint state.
 
     Raises CdrError, also if a row is neither empty nor as long as the names, or a joint repeats.
     """
-    said = _JOINT_STATE.read(payload, MAX_STATE_BYTES)
+    said = _JOINT_STATE.read(payload, most_bytes)
     names = tuple(said["name"])
     if len(names) > MAX_JOINTS:
         raise CdrError(f"{len(names)} joints are too many; {MAX_JOINTS} is the maximum")
@@ -66,7 +65,14 @@ def write_trajectory(joints: Sequence[str], positions: Sequence[float], reached_
     return _TRAJECTORY.write({"joint_names": list(joints), "points": [point]})
 
 
+def known(row: Sequence[float], count: int) -> tuple[float, ...]:
+    """Return a row for so many joints, in which ``math.nan`` is what is not finite, and all of an empty row."""
+    if not math.isfinite(math.hypot(*row)):
+        return tuple(value if math.isfinite(value) else math.nan for value in row)
+    return tuple(row) or (math.nan,) * count
+
+
 def _row(row: Sequence[float], count: int) -> tuple[float, ...]:
     if len(row) not in (0, count):
         raise CdrError(f"a row has {len(row)} values for {count} joints; it may be empty or have one for each")
-    return tuple(value if math.isfinite(value) else math.nan for value in row) or (math.nan,) * count
+    return known(row, count)
