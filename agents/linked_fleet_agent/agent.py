@@ -23,7 +23,7 @@ from linked_fleet_agent.motion import Motions, Outcome, Sway
 from linked_fleet_agent.pace import elapsed_ns, every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Conditions, Frames, Report, describe
-from linked_fleet_agent.robot import ComponentRobot, NewDescriptionError, Reading, Robot, TrajectoryRobot
+from linked_fleet_agent.robot import ComponentRobot, NewDescriptionError, Reading, Robot, SensingRobot, TrajectoryRobot
 from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.urdf import RobotModel
 from linked_fleet_agent.wire import codec
@@ -106,7 +106,13 @@ class Agent:
             if joint is None or joint.mimics is not None or joint.passive:
                 raise ValueError(f"{name} has no joint {sway.joint!r} that takes commands")
         self._motions = Motions(self._joints, sways)
-        self._sensors = {joint.name: JointSensor(joint, 1.0 / rate_hz) for joint in self._facts.joints}
+        self._judges = not isinstance(robot, SensingRobot)
+        """True if the agent judges the sensors, and not the driver."""
+        self._sensors: Mapping[str, JointSensor] = (
+            robot.sensors
+            if isinstance(robot, SensingRobot)
+            else {joint.name: JointSensor(joint, 1.0 / rate_hz) for joint in self._facts.joints}
+        )
         self._coupled = {name: group for group in self._facts.coupled for name in group}
         self._follower = robot if isinstance(robot, TrajectoryRobot) else None
         self.demonstration = Demonstration(name, self._motions)
@@ -478,14 +484,17 @@ class Agent:
 
     def _believed(self, reading: Reading, now_s: float) -> Reading:
         """Return the reading without the positions that contradict the ones before."""
-        times = reading.measured_s or (now_s,) * len(self._names)
-        positions = tuple(map(JointSensor.update, self._sensors.values(), reading.positions, times))
+        positions = reading.positions
+        if self._judges:
+            times = reading.measured_s or (now_s,) * len(self._names)
+            positions = tuple(map(JointSensor.update, self._sensors.values(), positions, times))
         if not (reading.faults or self._doubted) and math.isfinite(sum(positions)):  # almost always
             return reading
         faults = {name: sensor.fault for name, sensor in self._sensors.items() if sensor.fault}
         for name, fault in reading.faults.items():
-            self._sensors[name].forget()  # the driver judges this one itself
             faults[name] = fault
+            if self._judges:
+                self._sensors[name].forget()  # the driver judges this one itself
         for name in faults.keys() - self._doubted:
             _log.warning("%s: %s", self.name, faults[name])
         for name in self._doubted - faults.keys():
