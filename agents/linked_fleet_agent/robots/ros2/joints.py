@@ -9,7 +9,8 @@ points, and stands at the last one if no more arrive.
 
 import logging
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 from linked_fleet_agent.robot import JointFacts, Reading, RobotFaultError
@@ -35,16 +36,20 @@ class _Sample(NamedTuple):
 
 
 class _Publisher:
-    """The messages with the same names. ``order`` picks the value of each joint of the robot.
+    """The messages with the same names. ``merged`` picks the value of each joint of the robot.
 
-    It is a place among the values of a message, followed by those known before.
+    It takes a row of a message, followed by the values that were known before, of which it keeps those of the joints
+    that the message lacks.
     """
 
-    __slots__ = ("_said", "_stamped", "order")
+    __slots__ = ("_said", "_stamped", "merged")
 
     def __init__(self, names: Sequence[str], joints: Sequence[str]) -> None:
         places = {name.strip(): place for place, name in enumerate(names)}  # as in the description
-        self.order = tuple(places.get(joint, len(names) + index) for index, joint in enumerate(joints))
+        order = [places.get(joint, len(names) + index) for index, joint in enumerate(joints)]
+        self.merged: Callable[[tuple[float, ...]], tuple[float, ...]] = (
+            itemgetter(*order) if len(order) > 1 else itemgetter(slice(order[0], order[0] + 1))
+        )
         self._said: JointState | None = None
         self._stamped = False
 
@@ -94,11 +99,11 @@ class JointStates:
         publisher = self._publishers.get(state.names) or self._meet(state.names)
         if publisher.repeats(state):
             return
-        order = publisher.order
-        self._said = _merged(order, state.positions, self._said)
-        self._velocities = _merged(order, state.velocities, self._velocities)
-        self._efforts = _merged(order, state.efforts, self._efforts)
-        self._arrived_s = _merged(order, (arrived_s,) * len(state.names), self._arrived_s)
+        merged = publisher.merged
+        self._said = merged(state.positions + self._said)
+        self._velocities = merged(state.velocities + self._velocities)
+        self._efforts = merged(state.efforts + self._efforts)
+        self._arrived_s = merged((arrived_s,) * len(state.names) + self._arrived_s)
         self._believed = tuple(map(JointSensor.update, self.sensors.values(), self._said, self._arrived_s))
         doubted = math.isnan(sum(self._believed))
         self._faults = {name: each.fault for name, each in self.sensors.items() if each.fault} if doubted else {}
@@ -151,11 +156,6 @@ class JointStates:
         if name not in self._strangers and len(self._strangers) < _MOST_STRANGERS:
             self._strangers.add(name)
             _log.warning("%s: %s names %.128r, which is not a joint of the URDF", self._robot, self._topic, name)
-
-
-def _merged(order: Sequence[int], said: tuple[float, ...], before: tuple[float, ...]) -> tuple[float, ...]:
-    """Return the values of all joints: those of a message, and those known before of the joints that it lacks."""
-    return tuple(map((said + before).__getitem__, order))
 
 
 # A point is reached this long after it was sent, or after this many cycles if the agent's cycles are slow.

@@ -293,9 +293,9 @@ class Ros2Robot:
 
     def _note_stamp(self, joints: tuple[str, ...], stamp_ns: int, arrived_s: float) -> None:
         """Say once what is wrong with time stamps. Publishers are told apart by their joints."""
-        if joints not in self._stamps and len(self._stamps) < _MOST_PUBLISHERS:
-            self._stamps[joints] = Stamps()
         stamps = self._stamps.get(joints)
+        if stamps is None and len(self._stamps) < _MOST_PUBLISHERS:
+            stamps = self._stamps[joints] = Stamps()
         if stamps is not None and not stamps.finding:
             stamps.update(stamp_ns, arrived_s, time.time_ns())
             if stamps.finding and not self._parts.stamps:

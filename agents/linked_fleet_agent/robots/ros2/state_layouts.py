@@ -6,7 +6,9 @@ length and the counts of its rows has its numbers at the same places, which one 
 
 import struct
 from collections import deque
-from typing import NamedTuple
+from collections.abc import Callable
+from operator import itemgetter
+from typing import Any, NamedTuple
 
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.cdr import JointState
@@ -36,13 +38,19 @@ class JointStateReader:
 
 
 class _Layout(NamedTuple):
-    """The places of the numbers. ``numbers`` reads stamp and rows with their counts; ``rows`` is where each row is."""
+    """The places of the numbers.
+
+    ``numbers`` reads stamp and rows, each after its count. ``counts`` picks the counts, which are ``expected``, and
+    ``rows`` the rows.
+    """
 
     length: int
     encoding: bytes
     named: bytes
     names: tuple[str, ...]
     numbers: struct.Struct
+    counts: Callable[[tuple[Any, ...]], tuple[int, ...]]
+    expected: tuple[int, ...]
     rows: tuple[slice, ...]
 
     def read(self, payload: bytes) -> JointState | None:
@@ -52,11 +60,11 @@ class _Layout(NamedTuple):
         if not payload.startswith(self.named, _BODY + _STAMP):
             return None
         said = self.numbers.unpack_from(payload, _BODY)
-        for row in self.rows:
-            if said[row.start - 1] != row.stop - row.start:
-                return None
-        positions, velocities, efforts = [cdr.known(said[row], len(self.names)) for row in self.rows]
-        return JointState(said[0] * 1_000_000_000 + said[1], self.names, positions, velocities, efforts)
+        if self.counts(said) != self.expected:
+            return None
+        positions, velocities, efforts = self.rows
+        rows = said[positions], said[velocities], said[efforts]
+        return JointState(said[0] * 1_000_000_000 + said[1], self.names, *cdr.known(rows, len(self.names)))
 
 
 def _layout_of(payload: bytes, names: tuple[str, ...]) -> _Layout:
@@ -81,7 +89,8 @@ def _layout_of(payload: bytes, names: tuple[str, ...]) -> _Layout:
         at = first + 8 * count
         rows.append(slice(item + 1, item + 1 + count))
         item += 1 + count
-    return _Layout(len(payload), payload[:2], named, names, struct.Struct(form), tuple(rows))
+    counts, expected = itemgetter(*(row.start - 1 for row in rows)), tuple(row.stop - row.start for row in rows)
+    return _Layout(len(payload), payload[:2], named, names, struct.Struct(form), counts, expected, tuple(rows))
 
 
 def _aligned(at: int, size: int = 4) -> int:
