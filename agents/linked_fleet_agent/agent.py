@@ -283,7 +283,9 @@ class Agent:
         """
         before_ns, now_ns = self._ran_ns, (self._monotonic_ns(), elapsed_ns())
         self._ran_ns = now_ns
-        pause_s = max(now - before for now, before in zip(now_ns, before_ns or now_ns, strict=True)) / 1e9
+        if before_ns is None:
+            return
+        pause_s = max(now_ns[0] - before_ns[0], now_ns[1] - before_ns[1]) / 1e9
         if pause_s <= GATEWAY_LEASE_MS / 1000.0:
             return
         reason = f"the agent did not run for {pause_s:.1f} s"
