@@ -6,7 +6,6 @@ import math
 import secrets
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from dataclasses import replace
 from functools import partial
 from typing import Protocol, TypeVar
 
@@ -502,7 +501,7 @@ class Agent:
         for name in self._doubted - faults.keys():
             _log.warning("%s: the sensor of %s is consistent again", self.name, name)
         self._doubted = faults.keys()
-        return replace(reading, positions=positions, faults=faults) if faults else reading
+        return reading._replace(positions=positions, faults=faults) if faults else reading
 
     @property
     def _measured(self) -> Measurements:

@@ -44,8 +44,7 @@ class Facts:
     coupled: tuple[tuple[str, ...], ...] = ()
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """Measured values in the order of ``Facts.joints``; NaN is unknown. ``base`` is set exactly on floating bases.
 
     ``measured_s`` are the times of the positions by the monotonic clock of ``read``; empty means now. ``faults`` gives
@@ -58,8 +57,8 @@ class Reading:
     efforts: tuple[float, ...]
     base: Base | None = None
     measured_s: tuple[float, ...] = ()
-    faults: Mapping[str, str] = field(default_factory=dict)
-    held: Mapping[str, str] = field(default_factory=dict)
+    faults: Mapping[str, str] = {}
+    held: Mapping[str, str] = {}
 
 
 class Robot(Protocol):

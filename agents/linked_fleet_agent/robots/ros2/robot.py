@@ -170,8 +170,8 @@ class Ros2Robot:
         reading = self._states.reading(here_s)
         if self._parts.whereabouts is not None:
             self._parts.whereabouts.update()
-            reading = replace(reading, base=self._parts.whereabouts.reading(here_s))
-        return replace(reading, held=self._parts.held) if self._parts.held else reading
+            reading = reading._replace(base=self._parts.whereabouts.reading(here_s))
+        return reading._replace(held=self._parts.held) if self._parts.held else reading
 
     def apply(self, setpoints: Mapping[str, float]) -> dict[str, float]:
         """Send each affected controller its next point, with the setpoints of all its joints.
