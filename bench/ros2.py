@@ -1,7 +1,7 @@
 """Robots of ROS 2: what an agent costs with twenty joints at 100 Hz by transport, and how fast a goal is accepted.
 
-The costs are those of agents whose robot is a stand-in with the keys and tokens of the transport. Goals go to the real
-robot of hiroz (``make ros-peers``), beside bare queries of Zenoh with the same bytes.
+The robots are real (``make ros-peers``): that of hiroz over rmw_zenoh, and that of rclpy behind the bridge. Most of
+their joints move. Goals go to the robot of hiroz, beside bare queries of Zenoh with the same bytes.
 """
 
 import asyncio
@@ -10,61 +10,63 @@ import tempfile
 import time
 import uuid
 from collections.abc import Callable
-from contextlib import ExitStack, closing
+from contextlib import AbstractContextManager, ExitStack, closing
 from pathlib import Path
 
-from bench.scene import pid_of, process_cpu_s
+from bench.scene import cpu_s, pid_of
 from bench.table import Row, UnavailableError, bounded, within
 from linked_fleet_agent.robots.ros2.goals import ActionClient
 from linked_fleet_agent.robots.ros2.graph import Interface
 from linked_fleet_agent.robots.ros2.session import RosSession
 from linked_fleet_agent.robots.ros2.types import MessageTypes
-from ros2_robot import BridgedRobot, RosRobot
-from ros_peers import HIROZ_ROBOT, on_rmw_zenoh
-from running import eventually, free_port, process
+from ros_peers import ARM, HIROZ_ROBOT, Build, behind_bridge, on_rmw_zenoh
+from running import eventually, process
 from small_fleet import Place, live
 
-JOINTS, GOALS = 20, 200
+JOINTS, OF_ARM, GOALS = 20, 3, 200
+SETTLED_S = 3.0
 MOST_PERCENT, MOST_TIMES = 5.0, 3.0
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
 
 
 def rows(seconds: float) -> list[Row]:
     """Return the share of a core of an agent by transport, and the medians of goals."""
-    costs = [_cost(scheme, robot, seconds) for scheme, robot in (("ros2:", RosRobot), ("ros2dds:", BridgedRobot))]
+    if not HIROZ_ROBOT.exists():
+        raise UnavailableError("the robots of ROS 2 are not built: make ros-peers")
+    costs = [_cost(scheme, robot, seconds) for scheme, robot in (("ros2:", on_rmw_zenoh), ("ros2dds:", behind_bridge))]
     return [*costs, *_goals()]
 
 
-def urdf(joints: int) -> str:
-    """Return a chain of revolute joints."""
-    links = "".join(f'<link name="l{each}"/>' for each in range(joints + 1))
+def urdf(more: int) -> str:
+    """Return the arm of the real robots with so many joints more, in a chain."""
+    links = "".join(f'<link name="l{each}"/>' for each in range(more))
     chain = "".join(
-        f'<joint name="j{each}" type="revolute"><parent link="l{each}"/><child link="l{each + 1}"/>'
-        '<axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="5"/></joint>'
-        for each in range(joints)
+        f'<joint name="j{each}" type="revolute"><parent link="{f"l{each - 1}" if each else "base"}"/>'
+        f'<child link="l{each}"/><axis xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="5"/></joint>'
+        for each in range(more)
     )
-    return f'<robot name="Chain">{links}{chain}</robot>'
+    return ARM.urdf.read_text().replace("</robot>", f"{links}{chain}</robot>")
 
 
-def _cost(scheme: str, robot: Callable[..., RosRobot], seconds: float) -> Row:
+def _cost(scheme: str, running: Callable[..., AbstractContextManager[str]], seconds: float) -> Row:
+    """Measure an agent of a robot of which most joints move, and all are stated with position, velocity and effort."""
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        place = Place(Path(folder))
-        at = f"tcp/127.0.0.1:{free_port()}"
-        stack.enter_context(robot(at, urdf=urdf(JOINTS), positions={f"j{each}": 0.1 for each in range(JOINTS)}))
+        place, described = Place(Path(folder)), Path(folder) / "robot.urdf"
+        described.write_text(urdf(JOINTS - OF_ARM))
+        at = stack.enter_context(running(build=Build(described, JOINTS - OF_ARM)))
         _, browser = stack.enter_context(place.gateway())
         agent = stack.enter_context(
             process("-m", "linked_fleet_agent", f"--robot=r={scheme}{at}", "--connect", place.zenoh)
         )
         live(browser, "r")
-        before_s, began_s = process_cpu_s(pid_of(agent)), time.monotonic()
-        time.sleep(max(seconds, 5.0))
-        percent = 100.0 * (process_cpu_s(pid_of(agent)) - before_s) / (time.monotonic() - began_s)
+        time.sleep(SETTLED_S)
+        before_s, began_s = cpu_s(pid_of(agent)), time.monotonic()
+        time.sleep(max(seconds, 10.0))
+        percent = 100.0 * (cpu_s(pid_of(agent)) - before_s) / (time.monotonic() - began_s)
     return bounded(f"agent of {JOINTS} joints at 100 Hz, {scheme}", "% of a core", percent, MOST_PERCENT)
 
 
 def _goals() -> list[Row]:
-    if not HIROZ_ROBOT.exists():
-        raise UnavailableError("the robot of hiroz is not built: make ros-peers")
     with on_rmw_zenoh() as where:
         types = MessageTypes()
         with closing(RosSession(where, 0, "bench", types.hash_of)) as session:

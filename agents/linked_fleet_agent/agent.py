@@ -6,7 +6,6 @@ import math
 import secrets
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from dataclasses import replace
 from functools import partial
 from typing import Protocol, TypeVar
 
@@ -23,7 +22,7 @@ from linked_fleet_agent.motion import Motions, Outcome, Sway
 from linked_fleet_agent.pace import elapsed_ns, every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Conditions, Frames, Report, describe
-from linked_fleet_agent.robot import ComponentRobot, NewDescriptionError, Reading, Robot, TrajectoryRobot
+from linked_fleet_agent.robot import ComponentRobot, NewDescriptionError, Reading, Robot, SensingRobot, TrajectoryRobot
 from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.urdf import RobotModel
 from linked_fleet_agent.wire import codec
@@ -106,7 +105,13 @@ class Agent:
             if joint is None or joint.mimics is not None or joint.passive:
                 raise ValueError(f"{name} has no joint {sway.joint!r} that takes commands")
         self._motions = Motions(self._joints, sways)
-        self._sensors = {joint.name: JointSensor(joint, 1.0 / rate_hz) for joint in self._facts.joints}
+        self._judges = not isinstance(robot, SensingRobot)
+        """True if the agent judges the sensors, and not the driver."""
+        self._sensors: Mapping[str, JointSensor] = (
+            robot.sensors
+            if isinstance(robot, SensingRobot)
+            else {joint.name: JointSensor(joint, 1.0 / rate_hz) for joint in self._facts.joints}
+        )
         self._coupled = {name: group for group in self._facts.coupled for name in group}
         self._follower = robot if isinstance(robot, TrajectoryRobot) else None
         self.demonstration = Demonstration(name, self._motions)
@@ -277,7 +282,9 @@ class Agent:
         """
         before_ns, now_ns = self._ran_ns, (self._monotonic_ns(), elapsed_ns())
         self._ran_ns = now_ns
-        pause_s = max(now - before for now, before in zip(now_ns, before_ns or now_ns, strict=True)) / 1e9
+        if before_ns is None:
+            return
+        pause_s = max(now_ns[0] - before_ns[0], now_ns[1] - before_ns[1]) / 1e9
         if pause_s <= GATEWAY_LEASE_MS / 1000.0:
             return
         reason = f"the agent did not run for {pause_s:.1f} s"
@@ -478,20 +485,23 @@ class Agent:
 
     def _believed(self, reading: Reading, now_s: float) -> Reading:
         """Return the reading without the positions that contradict the ones before."""
-        times = reading.measured_s or (now_s,) * len(self._names)
-        positions = tuple(map(JointSensor.update, self._sensors.values(), reading.positions, times))
+        positions = reading.positions
+        if self._judges:
+            times = reading.measured_s or (now_s,) * len(self._names)
+            positions = tuple(map(JointSensor.update, self._sensors.values(), positions, times))
         if not (reading.faults or self._doubted) and math.isfinite(sum(positions)):  # almost always
             return reading
         faults = {name: sensor.fault for name, sensor in self._sensors.items() if sensor.fault}
         for name, fault in reading.faults.items():
-            self._sensors[name].forget()  # the driver judges this one itself
             faults[name] = fault
+            if self._judges:
+                self._sensors[name].forget()  # the driver judges this one itself
         for name in faults.keys() - self._doubted:
             _log.warning("%s: %s", self.name, faults[name])
         for name in self._doubted - faults.keys():
             _log.warning("%s: the sensor of %s is consistent again", self.name, name)
         self._doubted = faults.keys()
-        return replace(reading, positions=positions, faults=faults) if faults else reading
+        return reading._replace(positions=positions, faults=faults) if faults else reading
 
     @property
     def _measured(self) -> Measurements:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import NamedTuple, Protocol, runtime_checkable
 
 from linked_fleet_agent.components.component import Component
+from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.trajectory import Trajectory
 from linked_fleet_agent.urdf.facts import JointFacts as JointFacts
 from linked_fleet_agent.urdf.limits import Limits as Limits
@@ -43,8 +44,7 @@ class Facts:
     coupled: tuple[tuple[str, ...], ...] = ()
 
 
-@dataclass(frozen=True)
-class Reading:
+class Reading(NamedTuple):
     """Measured values in the order of ``Facts.joints``; NaN is unknown. ``base`` is set exactly on floating bases.
 
     ``measured_s`` are the times of the positions by the monotonic clock of ``read``; empty means now. ``faults`` gives
@@ -57,8 +57,8 @@ class Reading:
     efforts: tuple[float, ...]
     base: Base | None = None
     measured_s: tuple[float, ...] = ()
-    faults: Mapping[str, str] = field(default_factory=dict)
-    held: Mapping[str, str] = field(default_factory=dict)
+    faults: Mapping[str, str] = {}
+    held: Mapping[str, str] = {}
 
 
 class Robot(Protocol):
@@ -88,6 +88,15 @@ class Robot(Protocol):
 
     def close(self) -> None:
         """Release all resources; the object is not used afterwards."""
+
+
+@runtime_checkable
+class SensingRobot(Protocol):
+    """A driver that judges the sensors of its joints itself, because its robot measures more often than it is read."""
+
+    @property
+    def sensors(self) -> Mapping[str, JointSensor]:
+        """The sensors of all joints, by name. Positions of its readings are those that they believe."""
 
 
 @runtime_checkable

@@ -8,7 +8,7 @@ missing or zero.
 
 import math
 
-from linked_fleet_agent.robot import JointFacts
+from linked_fleet_agent.urdf.facts import JointFacts
 
 TRUST_S = 1.0
 """Time without contradiction after which a sensor is believed again."""
@@ -51,12 +51,20 @@ class JointSensor:
 
     def update(self, position: float, at_s: float) -> float:
         """Return ``position``, measured at ``at_s``, if it can be believed, else NaN."""
+        way, gap_s = position - self._last, at_s - self._at_s
+        if self.fault or not -self._quiet <= way <= self._quiet:
+            reach = self._speed * gap_s
+            if self.fault or self._travel or not -reach <= way <= reach:
+                return self._judged(position, at_s)
+            self._counted_s = at_s  # it moves as fast as it may, which most samples of moving joints show
+            self._expect(gap_s)
+        self._at_s, self._last = at_s, position
+        if not -self._still <= position - self._anchor <= self._still:
+            self._anchor, self._since_s = position, at_s
+        return position
+
+    def _judged(self, position: float, at_s: float) -> float:
         last = self._last
-        if -self._quiet <= position - last <= self._quiet and not self.fault:  # most samples of most joints
-            self._at_s, self._last = at_s, position
-            if not -self._still <= position - self._anchor <= self._still:
-                self._anchor, self._since_s = position, at_s
-            return position
         if position != position or (position == last and at_s == self._at_s):
             return math.nan if self.fault else position
         if last != last:
@@ -75,9 +83,13 @@ class JointSensor:
         possible = self._noise + self._speed * max(gap_s, 2.0 * self._period_s)
         if way > possible or self._travel > self._burst:
             self._doubt(way, gap_s, possible)
-        self._period_s += 0.05 * (min(gap_s, _LONGEST_PERIOD_S) - self._period_s)
+        self._expect(gap_s)
         if abs(self._joint.difference(position, self._anchor)) > self._still:
             self._anchor, self._since_s = position, at_s
+
+    def _expect(self, gap_s: float) -> None:
+        """Learn the period of the samples."""
+        self._period_s += 0.05 * ((gap_s if gap_s < _LONGEST_PERIOD_S else _LONGEST_PERIOD_S) - self._period_s)
 
     def forget(self) -> None:
         """Take the next position as the first one."""

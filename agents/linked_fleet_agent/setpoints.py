@@ -43,17 +43,25 @@ class Setpoints:
         last, displaced = self._last, self._displaced
         for name, position in zip(last, measured, strict=True):
             before = last[name]
-            if -HOLDING <= position - before <= HOLDING and name not in displaced:
+            way = position - before
+            if -HOLDING <= way <= HOLDING and name not in displaced:
                 continue
             if before != before:
                 last[name] = position
             elif name not in driven and position == position:
-                way = self._joints[name].difference(position, before)
-                if abs(way) > HOLDING:
-                    displaced.add(name)
-                if name in displaced:
-                    most = self._rates[name] * dt_s
-                    last[name] = before + min(max(way, -most), most)
+                most = self._rates[name] * dt_s
+                if name in displaced and -most <= way <= most <= math.pi:  # the nearest way, also of an endless joint
+                    last[name] = position
+                else:
+                    self._pursue(name, position, most)
+
+    def _pursue(self, name: str, position: float, most: float) -> None:
+        """Let the setpoint of a joint that something else has moved follow it, by ``most`` at most."""
+        way = self._joints[name].difference(position, self._last[name])
+        if abs(way) > HOLDING:
+            self._displaced.add(name)
+        if name in self._displaced:
+            self._last[name] += min(max(way, -most), most)
 
     def release(self, joints: Iterable[str]) -> None:
         """Follow the measured positions of these joints also over short ways, because something else moves them now."""

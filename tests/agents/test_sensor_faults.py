@@ -3,7 +3,6 @@
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 
 import pytest
 from hypothesis import example, given, settings
@@ -81,7 +80,7 @@ class Faulty:
             self.shown[self.joint] = shown_position(self.event, self.cycle, true, self._frozen)
         self.cycle += 1
         self.history.append(tuple(self.shown))
-        return replace(reading, positions=tuple(self.shown))
+        return reading._replace(positions=tuple(self.shown))
 
     def apply(self, setpoints: Mapping[str, float]) -> Mapping[str, float]:
         for name, setpoint in setpoints.items():

@@ -14,6 +14,7 @@ from linked_fleet_agent.robots.ros2.address import AddressError, parse_address
 from linked_fleet_agent.robots.ros2.graph import ReceivedMessage
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints
 from linked_fleet_agent.robots.ros2.robot import facts_of
+from linked_fleet_agent.robots.ros2.state_layouts import JointStateReader
 from linked_fleet_agent.urdf import UrdfError, joints_of
 from ros2_robot import STORE, URDF, joint_state, text
 
@@ -31,6 +32,7 @@ class RosSide:
     """The state of one robot's driver for one episode; its clock advances by 10 ms each time."""
 
     def __init__(self) -> None:
+        self._reader = JointStateReader()
         self._states = JointStates("arm", joints_of(URDF), "/joint_states", 0.5)
         self._follower = TrajectoryPoints("/c/joint_trajectory", _JOINTS[:3])
         self._now_s = 0.0
@@ -42,10 +44,12 @@ class RosSide:
 
     def state(self, random: Random) -> None:
         """Check that every reading has a value for each joint, and that ROS can read what is sent on."""
+        payload = torn(random, _good_state(random))
         try:
-            said = cdr.read_joint_state(torn(random, _good_state(random)))
+            said = self._reader.read(payload)
         except cdr.CdrError:
             return
+        assert repr(said) == repr(cdr.read_joint_state(payload)), "a known layout changes nothing"
         rows = (said.positions, said.velocities, said.efforts)
         assert all(len(row) == len(said.names) <= cdr.MAX_JOINTS for row in rows)
         self._states.update(said, self._now_s)

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
-from typing import Self
+from typing import NamedTuple, Self
 
 from needs import missing
 from running import ROOT, Process, free_port, process
@@ -61,10 +61,24 @@ def _finds_the_robot(child: Process) -> Callable[[], bool]:
     return lambda: "Route Publisher (ROS:/diagnostics ->" in child.output
 
 
-def rclpy_robot(domain: int, pause_s: float = 0.1) -> AbstractContextManager[Process]:
+class Build(NamedTuple):
+    """How a robot is built: a file with its URDF, and so many joints more, j0 and so on, which swing to and fro."""
+
+    urdf: Path = URDF
+    more_joints: int = 0
+
+    @property
+    def environment(self) -> dict[str, str]:
+        return {"MORE_JOINTS": str(self.more_joints)}
+
+
+ARM = Build()
+
+
+def rclpy_robot(domain: int, pause_s: float = 0.1, build: Build = ARM) -> AbstractContextManager[Process]:
     """Run the robot of rclpy; ``pause_s`` is between two numbers of its action."""
-    environment = ros_environment(domain) | {"CYCLONEDDS_URI": _CYCLONE}
-    return peer(PYTHON, str(SOURCES / "rclpy_robot.py"), str(pause_s), str(URDF), environment=environment)
+    environment = ros_environment(domain) | {"CYCLONEDDS_URI": _CYCLONE} | build.environment
+    return peer(PYTHON, str(SOURCES / "rclpy_robot.py"), str(pause_s), str(build.urdf), environment=environment)
 
 
 @contextmanager
@@ -87,9 +101,12 @@ def bridge(where: str, domain: int, options: str = "") -> Iterator[Process]:
         raise AssertionError("no bridge found the robot of rclpy")
 
 
-def hiroz_robot(router: str, pause_s: float = 0.1, program: Path = HIROZ_ROBOT) -> AbstractContextManager[Process]:
+def hiroz_robot(
+    router: str, pause_s: float = 0.1, build: Build = ARM, program: Path = HIROZ_ROBOT
+) -> AbstractContextManager[Process]:
     """Run the robot on rmw_zenoh at a router; ``pause_s`` is between two steps of its actions."""
-    return peer(program, router, str(pause_s), str(URDF), environment={"ROS_DOMAIN_ID": "0"})
+    environment = {"ROS_DOMAIN_ID": "0"} | build.environment
+    return peer(program, router, str(pause_s), str(build.urdf), environment=environment)
 
 
 @contextmanager
@@ -137,25 +154,25 @@ class Restarting:
 
 
 @contextmanager
-def on_rmw_zenoh(pause_s: float = 0.1, program: Path = HIROZ_ROBOT) -> Iterator[str]:
+def on_rmw_zenoh(pause_s: float = 0.1, build: Build = ARM, program: Path = HIROZ_ROBOT) -> Iterator[str]:
     """Run a router with the robot of hiroz, and return its endpoint."""
     with ExitStack() as stack:
         where = endpoint()
         stack.enter_context(router(where))
-        stack.enter_context(hiroz_robot(where, pause_s, program))
+        stack.enter_context(hiroz_robot(where, pause_s, build, program))
         yield where
 
 
 def on_humble(pause_s: float = 0.1) -> AbstractContextManager[str]:
     """Run a router with the robot of hiroz as of Humble: no hashes of types, and types of that distribution."""
-    return on_rmw_zenoh(pause_s, ROBOT_OF_HUMBLE)
+    return on_rmw_zenoh(pause_s, program=ROBOT_OF_HUMBLE)
 
 
 @contextmanager
-def behind_bridge(pause_s: float = 0.1, options: str = "") -> Iterator[str]:
+def behind_bridge(pause_s: float = 0.1, options: str = "", build: Build = ARM) -> Iterator[str]:
     """Run the robot of rclpy with a bridge, and return the bridge's endpoint."""
     with ExitStack() as stack:
         where, domain = endpoint(), free_domain()
-        stack.enter_context(rclpy_robot(domain, pause_s))
+        stack.enter_context(rclpy_robot(domain, pause_s, build))
         stack.enter_context(bridge(where, domain, options))
         yield where

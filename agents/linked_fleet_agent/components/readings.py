@@ -37,8 +37,8 @@ class _Reader:
         self.name, self._declared, self._monotonic_ns = declared.said.name, declared, monotonic_ns
         self._period_ns = int(1e9 / declared.said.rate_hz)
         self._renewed_ns = int(declared.said.stale_s * 1e9 / _RENEWED)
-        self._due_ns, self._told_ns = 0, -self._renewed_ns
-        self._rounds: deque[_Round] = deque(maxlen=1)
+        self.due_ns, self._told_ns = 0, -self._renewed_ns
+        self.rounds: deque[_Round] = deque(maxlen=1)
         self._checked: dict[str, tuple[bytes, bytes, str]] = {}
         self._turn, self._ended = threading.Event(), False
         self.values: dict[str, bytes] = dict.fromkeys(declared.reads, UNKNOWN)
@@ -47,12 +47,12 @@ class _Reader:
 
     def changes(self, now_ns: int) -> Measured | None:
         """Begin to read if it is time. Return what is new since the last message, or None."""
-        if now_ns >= self._due_ns:
-            self._due_ns = now_ns + self._period_ns
+        if now_ns >= self.due_ns:
+            self.due_ns = now_ns + self._period_ns
             self._read()
-        if not self._rounds:
+        if not self.rounds:
             return None
-        found = self._rounds.pop()
+        found = self.rounds.pop()
         changed = {name: each for name, each in found.values.items() if each != self.values[name]}
         if not changed and found.fault == self.fault and now_ns - self._told_ns < self._renewed_ns:
             self.at_ns = found.at_ns
@@ -70,7 +70,7 @@ class _Reader:
 
     def _read(self) -> None:
         if not self._declared.component.blocking:
-            self._rounds.append(self._round())
+            self.rounds.append(self._round())
             return
         if self._thread is None:
             self._thread = threading.Thread(target=self._serve, name=f"read {self.name}", daemon=True)
@@ -80,7 +80,7 @@ class _Reader:
     def _serve(self) -> None:
         while self._turn.wait() and not self._ended:
             self._turn.clear()
-            self._rounds.append(self._round())
+            self.rounds.append(self._round())
 
     def close(self) -> None:
         self._ended = True
@@ -120,7 +120,8 @@ class Readings:
 
     def due(self, now_ns: int, wall_ns: int) -> bytes | None:
         """Return the message to publish now, or None."""
-        said = {each.name: found for each in self._readers if (found := each.changes(now_ns)) is not None}
+        awake = [each for each in self._readers if each.rounds or now_ns >= each.due_ns]
+        said = {each.name: found for each in awake if (found := each.changes(now_ns)) is not None}
         if not said:
             return None
         self._sequence += 1

@@ -1,8 +1,8 @@
 """The messages of joints and descriptions, as typed values. Pure."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
 
 from linked_fleet_agent.robots.ros2.serialization import CdrError as CdrError
 from linked_fleet_agent.robots.ros2.types import MessageTypes
@@ -18,8 +18,7 @@ _TYPES = MessageTypes()
 _STRING, _JOINT_STATE, _TRAJECTORY = (_TYPES.message(each) for each in (STRING, JOINT_STATE, JOINT_TRAJECTORY))
 
 
-@dataclass(frozen=True)
-class JointState:
+class JointState(NamedTuple):
     """A ``sensor_msgs/JointState``: rows in the order of ``names``, rad or m, NaN for missing values.
 
     ``stamp_ns`` is the time of measurement by the robot's clock; 0 if not given.
@@ -43,20 +42,22 @@ def read_string(payload: bytes) -> str:
     return text
 
 
-def read_joint_state(payload: bytes) -> JointState:
+def read_joint_state(payload: bytes, most_bytes: int = MAX_STATE_BYTES) -> JointState:
     """Parse a joint state.
 
     Raises CdrError, also if a row is neither empty nor as long as the names, or a joint repeats.
     """
-    said = _JOINT_STATE.read(payload, MAX_STATE_BYTES)
+    said = _JOINT_STATE.read(payload, most_bytes)
     names = tuple(said["name"])
     if len(names) > MAX_JOINTS:
         raise CdrError(f"{len(names)} joints are too many; {MAX_JOINTS} is the maximum")
     if len(set(names)) < len(names):
         raise CdrError("a joint is named twice")
-    rows = (_row(said[row], len(names)) for row in ("position", "velocity", "effort"))
+    rows = [tuple(said[row]) for row in ("position", "velocity", "effort")]
+    if wrong := next((row for row in rows if len(row) not in (0, len(names))), None):
+        raise CdrError(f"a row has {len(wrong)} values for {len(names)} joints; it may be empty or have one for each")
     stamp = said["header"]["stamp"]
-    return JointState(stamp["sec"] * 1_000_000_000 + stamp["nanosec"], names, *rows)
+    return JointState(stamp["sec"] * 1_000_000_000 + stamp["nanosec"], names, *known(rows, len(names)))
 
 
 def write_trajectory(joints: Sequence[str], positions: Sequence[float], reached_in_s: float) -> bytes:
@@ -66,7 +67,10 @@ def write_trajectory(joints: Sequence[str], positions: Sequence[float], reached_
     return _TRAJECTORY.write({"joint_names": list(joints), "points": [point]})
 
 
-def _row(row: Sequence[float], count: int) -> tuple[float, ...]:
-    if len(row) not in (0, count):
-        raise CdrError(f"a row has {len(row)} values for {count} joints; it may be empty or have one for each")
-    return tuple(value if math.isfinite(value) else math.nan for value in row) or (math.nan,) * count
+def known(rows: Iterable[tuple[float, ...]], count: int) -> list[tuple[float, ...]]:
+    """Return rows for so many joints, in which ``math.nan`` is what is not finite, and all of an empty row."""
+    return [(row if math.isfinite(math.hypot(*row)) else _finite(row)) or (math.nan,) * count for row in rows]
+
+
+def _finite(row: Iterable[float]) -> tuple[float, ...]:
+    return tuple(value if math.isfinite(value) else math.nan for value in row)

@@ -61,7 +61,7 @@ class Mailbox:
 
     def fetch(self) -> list[ReceivedMessage]:
         """Return the messages since the last call, oldest first."""
-        return [self._waiting.popleft() for _ in range(len(self._waiting))]
+        return [self._waiting.popleft() for _ in range(len(self._waiting))] if self._waiting else []
 
 
 class CallError(Exception):

@@ -9,7 +9,8 @@ points, and stands at the last one if no more arrive.
 
 import logging
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import itemgetter
 from typing import NamedTuple
 
 from linked_fleet_agent.robot import JointFacts, Reading, RobotFaultError
@@ -20,21 +21,47 @@ from linked_fleet_agent.urdf.joints import Mimic
 
 _log = logging.getLogger(__name__)
 
-_MOST_STRANGERS = 64
+_MOST_STRANGERS, _MOST_PUBLISHERS = 64, 64
 # Assumed until messages have come: the usual rate of the joint_state_broadcaster is 50 to 500 Hz.
 _PERIOD_S = 0.02
 
 
-class _JointSample(NamedTuple):
-    """The last state of a joint, its values as ``said``. ``stamped`` says that the stamps of its messages change."""
+class _Sample(NamedTuple):
+    """The last state of a joint, and the time of its arrival."""
 
-    said: list[float]
-    stamp_ns: int
-    stamped: bool
-    arrived_s: float
     position: float
     velocity: float
     effort: float
+    measured_s: float
+
+
+class _Publisher:
+    """The messages with the same names. ``merged`` picks the value of each joint of the robot.
+
+    It takes a row of a message, followed by the values that were known before, of which it keeps those of the joints
+    that the message lacks.
+    """
+
+    __slots__ = ("_said", "_stamped", "merged")
+
+    def __init__(self, names: Sequence[str], joints: Sequence[str]) -> None:
+        places = {name.strip(): place for place, name in enumerate(names)}  # as in the description
+        order = [places.get(joint, len(names) + index) for index, joint in enumerate(joints)]
+        self.merged: Callable[[tuple[float, ...]], tuple[float, ...]] = (
+            itemgetter(*order) if len(order) > 1 else itemgetter(slice(order[0], order[0] + 1))
+        )
+        self._said: JointState | None = None
+        self._stamped = False
+
+    def repeats(self, state: JointState) -> bool:
+        """Return True for a message with stamp and values of the last one, if the stamps of others change."""
+        last, self._said = self._said, state
+        if last is None:
+            return False
+        if last.stamp_ns != state.stamp_ns:
+            self._stamped = True
+            return False
+        return self._stamped and state.stamp_ns != 0 and state == last
 
 
 class JointStates:
@@ -54,57 +81,76 @@ class JointStates:
         mimics: Mapping[str, Mimic] | None = None,
     ) -> None:
         self._robot, self._topic, self._stale_s = robot, topic, stale_s
-        self._mimics = mimics or {}
-        self._sensors = {joint.name: JointSensor(joint, _PERIOD_S) for joint in joints}
-        self._joints: dict[str, _JointSample | None] = dict.fromkeys(self._sensors)
+        self.sensors = {joint.name: JointSensor(joint, _PERIOD_S) for joint in joints}
+        self._places = {name: place for place, name in enumerate(self.sensors)}
+        self._mimics = {self._places[name]: mimic for name, mimic in (mimics or {}).items() if name in self._places}
+        self._publishers = dict[tuple[str, ...], _Publisher]()
         self._strangers: set[str] = set()
+        unknown = (math.nan,) * len(self.sensors)
+        self._said = self._believed = self._velocities = self._efforts = unknown
+        self._arrived_s = (-math.inf,) * len(self.sensors)
+        self._faults: Mapping[str, str] = {}
 
     def update(self, state: JointState, arrived_s: float) -> None:
         """Store a message.
 
         One with stamp and values of the last message is a repetition and ignored, if the stamps of others change.
         """
-        for stated, *values in zip(state.names, state.positions, state.velocities, state.efforts, strict=True):
-            name = stated.strip()  # as in the description
-            if name not in self._joints:
-                self._warn_of_unknown(name)
-                continue
-            last, stamp_ns = self._joints[name], state.stamp_ns
-            stamped = last is not None and (last.stamped or last.stamp_ns != stamp_ns)
-            if stamped and last is not None and stamp_ns == last.stamp_ns != 0 and values == last.said:
-                continue
-            position, velocity, effort = values
-            believed = self._sensors[name].update(position, arrived_s)
-            self._joints[name] = _JointSample(values, stamp_ns, stamped, arrived_s, believed, velocity, effort)
+        publisher = self._publishers.get(state.names) or self._meet(state.names)
+        if publisher.repeats(state):
+            return
+        merged = publisher.merged
+        self._said = merged(state.positions + self._said)
+        self._velocities = merged(state.velocities + self._velocities)
+        self._efforts = merged(state.efforts + self._efforts)
+        self._arrived_s = merged((arrived_s,) * len(state.names) + self._arrived_s)
+        self._believed = tuple(map(JointSensor.update, self.sensors.values(), self._said, self._arrived_s))
+        doubted = math.isnan(sum(self._believed))
+        self._faults = {name: each.fault for name, each in self.sensors.items() if each.fault} if doubted else {}
 
     def reading(self, now_s: float) -> Reading:
         """Return the state of all joints. Raises RobotFaultError if all of them are stale."""
-        said = [self._fresh_sample(name, now_s) for name in self._joints]
-        if not any(said):
+        if now_s - max(self._arrived_s, default=-math.inf) > self._stale_s:
             raise RobotFaultError(f"no joint state of this robot came on {self._topic} for {self._stale_s:g} s")
-        return Reading(
-            positions=tuple(math.nan if one is None else one.position for one in said),
-            velocities=tuple(math.nan if one is None else one.velocity for one in said),
-            efforts=tuple(math.nan if one is None else one.effort for one in said),
-            measured_s=tuple(now_s if one is None else one.arrived_s for one in said),
-            faults={name: sensor.fault for name, sensor in self._sensors.items() if sensor.fault},
-        )
+        rows: tuple[tuple[float, ...], ...] = self._believed, self._velocities, self._efforts, self._arrived_s
+        if now_s - min(self._arrived_s) > self._stale_s:
+            rows = self._without_stale(now_s)
+        positions, velocities, efforts, measured_s = rows
+        return Reading(positions, velocities, efforts, measured_s=measured_s, faults=self._faults)
 
     def position(self, name: str, now_s: float) -> float:
         """Return the position of the joint in rad or m; NaN is unknown."""
-        said = self._fresh_sample(name, now_s)
-        return math.nan if said is None else said.position
+        return self._sample(self._places[name], now_s).position
 
-    def _fresh_sample(self, name: str, now_s: float) -> _JointSample | None:
-        said = self._joints[name]
-        if said is not None and now_s - said.arrived_s <= self._stale_s:
-            return said
-        mimic = self._mimics.get(name)
-        leader = None if mimic is None else self._fresh_sample(mimic.joint, now_s)
-        if mimic is None or leader is None:
-            return None
-        at, velocity = mimic.multiplier * leader.position + mimic.offset, mimic.multiplier * leader.velocity
-        return leader._replace(position=at, velocity=velocity, effort=math.nan)
+    def _meet(self, names: tuple[str, ...]) -> _Publisher:
+        """Return a new publisher; the oldest is forgotten for it if there are many."""
+        if len(self._publishers) >= _MOST_PUBLISHERS:
+            del self._publishers[next(iter(self._publishers))]
+        self._publishers[names] = made = _Publisher(names, tuple(self.sensors))
+        for name in names:
+            if name.strip() not in self._places:
+                self._warn_of_unknown(name.strip())
+        return made
+
+    def _without_stale(self, now_s: float) -> tuple[tuple[float, ...], ...]:
+        """Return the rows of all joints, of which those without news are unknown or follow another joint."""
+        rows = [list(row) for row in (self._believed, self._velocities, self._efforts, self._arrived_s)]
+        for place, at_s in enumerate(self._arrived_s):
+            if now_s - at_s > self._stale_s:
+                for row, value in zip(rows, self._sample(place, now_s), strict=True):
+                    row[place] = value
+        return tuple(map(tuple, rows))
+
+    def _sample(self, place: int, now_s: float) -> _Sample:
+        at_s = self._arrived_s[place]
+        if now_s - at_s <= self._stale_s:
+            return _Sample(self._believed[place], self._velocities[place], self._efforts[place], at_s)
+        mimic = self._mimics.get(place)
+        if mimic is None:
+            return _Sample(math.nan, math.nan, math.nan, now_s)
+        leader = self._sample(self._places[mimic.joint], now_s)
+        position, velocity = mimic.multiplier * leader.position + mimic.offset, mimic.multiplier * leader.velocity
+        return _Sample(position, velocity, math.nan, leader.measured_s)
 
     def _warn_of_unknown(self, name: str) -> None:
         if name not in self._strangers and len(self._strangers) < _MOST_STRANGERS:

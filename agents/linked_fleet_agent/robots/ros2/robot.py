@@ -28,12 +28,15 @@ from linked_fleet_agent.robots.ros2.finding import (
     with_meshes,
 )
 from linked_fleet_agent.robots.ros2.graph import Graph, Interface, Mailbox, Outlet, ReceivedMessage
+from linked_fleet_agent.robots.ros2.inbox import TypedInbox
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints, time_from_start_s
 from linked_fleet_agent.robots.ros2.own_graph import OwnGraph
 from linked_fleet_agent.robots.ros2.parts import Parts
 from linked_fleet_agent.robots.ros2.search import find_parts
 from linked_fleet_agent.robots.ros2.stamps import Stamps
+from linked_fleet_agent.robots.ros2.state_layouts import JointStateReader
 from linked_fleet_agent.robots.ros2.types import MessageTypes
+from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.trajectory import Trajectory
 from linked_fleet_agent.urdf import RobotModel, UrdfError
 from linked_fleet_agent.wire.components import BASE
@@ -47,6 +50,8 @@ _LOOK_S = 0.02
 _MOST_PUBLISHERS = 16
 _REST = 50.0
 """After a description was judged, the next one waits for so many times as long: a flood costs 2 % of the time."""
+MOST_STATE_BYTES_S = 2_097_152
+"""Bytes of joint states that are decoded in a second: those of 40 joints at 1 kHz."""
 _RESTING_S = 3.0
 """A robot that was not commanded for this time may be loaded anew when more of it is found."""
 
@@ -75,7 +80,9 @@ class Ros2Robot:
         joints = RobotModel.for_urdf(facts.urdf).joints
         mimics = {joint.name: joint.mimic for joint in joints.values() if joint.mimic is not None}
         self._states = JointStates(name, self._facts.joints, address.states, address.stale_s, mimics)
-        self._inbox = graph.subscribe(Interface(address.states, cdr.JOINT_STATE), cdr.MAX_STATE_BYTES)
+        self._inbox = TypedInbox(
+            graph, address.states, JointStateReader(), longest=cdr.MAX_STATE_BYTES, most_bytes_s=MOST_STATE_BYTES_S
+        )
         self._ways = [
             (TrajectoryPoints(each.topic, joints_of_controller(each, self._facts)), self._outlet(each.topic))
             for each in controllers.chosen
@@ -83,7 +90,7 @@ class Ros2Robot:
         self._parts.position = lambda joint: self._states.position(joint, time.monotonic())
         self._parts.bad_states = lambda: self.bad_messages
         self._last_known = dict[str, float]()
-        self.bad_messages = 0
+        self._bad_descriptions = 0
         self._stamps = dict[tuple[str, ...], Stamps]()
         self._read_s = self._cycle_s = self._look_again_s = 0.0
         self._commanded_s = -math.inf
@@ -160,13 +167,14 @@ class Ros2Robot:
         self._cycle_s, self._read_s = here_s - self._read_s, here_s
         if self._parts.anew and here_s - self._commanded_s > _RESTING_S and not self._parts.is_busy:
             raise NewDescriptionError(self._parts.anew)
-        for arrived in self._inbox.fetch():
-            self._take(arrived)
+        for said, arrived_s in self._inbox.arrivals():
+            self._states.update(said, arrived_s)
+            self._note_stamp(said.names, said.stamp_ns, arrived_s)
         reading = self._states.reading(here_s)
         if self._parts.whereabouts is not None:
             self._parts.whereabouts.update()
-            reading = replace(reading, base=self._parts.whereabouts.reading(here_s))
-        return replace(reading, held=self._parts.held) if self._parts.held else reading
+            reading = reading._replace(base=self._parts.whereabouts.reading(here_s))
+        return reading._replace(held=self._parts.held) if self._parts.held else reading
 
     def apply(self, setpoints: Mapping[str, float]) -> dict[str, float]:
         """Send each affected controller its next point, with the setpoints of all its joints.
@@ -218,8 +226,17 @@ class Ros2Robot:
         self._parts.end_others(joints)
 
     @property
+    def sensors(self) -> Mapping[str, JointSensor]:
+        return self._states.sensors
+
+    @property
     def ended_others(self) -> str:
         return self._parts.following.ended_others
+
+    @property
+    def bad_messages(self) -> int:
+        """Joint states and descriptions that could not be read."""
+        return self._inbox.bad_messages + self._bad_descriptions
 
     def close(self) -> None:
         self._graph.close()
@@ -279,8 +296,8 @@ class Ros2Robot:
                 raise NewDescriptionError("the robot sent a new description")
             self._refused = ""
         except cdr.CdrError as error:
-            self.bad_messages += 1
-            if self.bad_messages.bit_count() == 1:
+            self._bad_descriptions += 1
+            if self._bad_descriptions.bit_count() == 1:
                 _log.warning("%s: a message that is no description is ignored: %s", self._name, error)
             return False
         except UrdfError as error:
@@ -289,24 +306,11 @@ class Ros2Robot:
 
     def _note_stamp(self, joints: tuple[str, ...], stamp_ns: int, arrived_s: float) -> None:
         """Say once what is wrong with time stamps. Publishers are told apart by their joints."""
-        if joints not in self._stamps and len(self._stamps) < _MOST_PUBLISHERS:
-            self._stamps[joints] = Stamps()
         stamps = self._stamps.get(joints)
+        if stamps is None and len(self._stamps) < _MOST_PUBLISHERS:
+            stamps = self._stamps[joints] = Stamps()
         if stamps is not None and not stamps.finding:
             stamps.update(stamp_ns, arrived_s, time.time_ns())
             if stamps.finding and not self._parts.stamps:
                 self._parts.stamps = f"messages of {self._address.states} {stamps.finding}; times of arrival count"
                 _log.warning("%s: %s", self._name, self._parts.stamps)
-
-    def _take(self, arrived: ReceivedMessage) -> None:
-        try:
-            if arrived.payload is None:
-                raise cdr.CdrError("it is too long")
-            said = cdr.read_joint_state(arrived.payload)
-            self._states.update(said, arrived.at_s)
-            self._note_stamp(said.names, said.stamp_ns, arrived.at_s)
-        except cdr.CdrError as error:
-            self.bad_messages += 1
-            # logs the 1st, 2nd, 4th … message, so that a flood does not fill the log
-            if self.bad_messages.bit_count() == 1:
-                _log.warning("%s: bad joint state (%d so far): %.200s", self._name, self.bad_messages, error)

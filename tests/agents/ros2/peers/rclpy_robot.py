@@ -1,11 +1,13 @@
 """A robot as a ROS 2 node of rclpy: two joints, a battery, diagnostics, a lamp, services and an action.
 
-Arguments: the seconds between two numbers of the action, and a file with the URDF. It runs in an environment of its
-own (``make ros-peers``).
+Arguments: the seconds between two numbers of the action, and a file with the URDF. With MORE_JOINTS in its environment
+it has so many joints more, j0 and so on, which swing to and fro. It runs in an environment of its own
+(``make ros-peers``).
 """
 
 import contextlib
 import json
+import math
 import os
 import sys
 from pathlib import Path
@@ -35,9 +37,9 @@ INNER = "fastdds"
 class Robot(Node):
     """A robot that moves its joints by ``STEP`` rad each ``PERIOD_S`` to the last point of the last trajectory."""
 
-    def __init__(self, pause_s: float, urdf: str) -> None:
+    def __init__(self, pause_s: float, urdf: str, more: int) -> None:
         super().__init__("rclpy_robot")
-        self.pause_s, self.urdf = pause_s, urdf
+        self.pause_s, self.urdf, self.more = pause_s, urdf, more
         self.positions, self.goals = {"pan": 0.25, "lift": 0.0, "finger": 0.08}, {}
         self.lamp = False
         self._publish()
@@ -75,8 +77,12 @@ class Robot(Node):
     def step(self) -> None:
         for name, goal in self.goals.items():
             self.positions[name] += max(-STEP, min(STEP, goal - self.positions[name]))
-        said = JointState(name=list(self.positions), position=list(self.positions.values()))
-        said.header.stamp = self.get_clock().now().to_msg()
+        now = self.get_clock().now()
+        swinging = {f"j{number}": 0.3 * math.sin(now.nanoseconds / 1e9 + number) for number in range(self.more)}
+        at = self.positions | swinging
+        row = [0.0] * len(at) if swinging else []
+        said = JointState(name=list(at), position=list(at.values()), velocity=row, effort=row)
+        said.header.stamp = now.to_msg()
         self.states.publish(said)
 
     def report(self) -> None:
@@ -132,7 +138,7 @@ class Robot(Node):
 
 def main(pause_s: float, urdf: str) -> None:
     rclpy.init()
-    robot = Robot(pause_s, urdf)
+    robot = Robot(pause_s, urdf, int(os.environ.get("MORE_JOINTS", "0")))
     executor = MultiThreadedExecutor(2)
     executor.add_node(robot)
     relay = Relay(robot, int(os.environ["ROS_DOMAIN_ID"]), INNER)

@@ -40,16 +40,20 @@ pub struct State {
     pub lamp: bool,
 }
 
-pub struct Body(Mutex<State>);
+/// What the robot is and does. It also has so many `more` joints, which swing to and fro and take no commands.
+pub struct Body {
+    state: Mutex<State>,
+    more: usize,
+}
 
 impl Body {
-    pub fn new() -> Self {
+    pub fn new(more: usize) -> Self {
         let positions = [("pan", 0.25), ("lift", 0.0), ("finger", 0.08)].map(|(name, at)| (name.to_string(), at));
-        Self(Mutex::new(State { positions: positions.into(), ..Default::default() }))
+        Self { state: Mutex::new(State { positions: positions.into(), ..Default::default() }), more }
     }
 
     pub fn with<T>(&self, change: impl FnOnce(&mut State) -> T) -> T {
-        change(&mut self.0.lock().expect("no other thread panicked"))
+        change(&mut self.state.lock().expect("no other thread panicked"))
     }
 
     fn step(&self) -> JointState {
@@ -59,8 +63,13 @@ impl Body {
                     *at += (goal - *at).clamp(-STEP, STEP);
                 }
             }
-            let (name, position) = state.positions.clone().into_iter().unzip();
-            JointState { header: header(""), name, position, velocity: vec![], effort: vec![] }
+            let (mut name, mut position): (Vec<_>, Vec<_>) = state.positions.clone().into_iter().unzip();
+            let header = header("");
+            let at = f64::from(header.stamp.sec % 1000) + f64::from(header.stamp.nanosec) / 1e9;
+            name.extend((0..self.more).map(|number| format!("j{number}")));
+            position.extend((0..self.more).map(|number| 0.3 * (at + number as f64).sin()));
+            let row = vec![0.0; if self.more > 0 { name.len() } else { 0 }];
+            JointState { header, name, position, velocity: row.clone(), effort: row }
         })
     }
 }

@@ -1,5 +1,6 @@
 //! A robot on rmw_zenoh by the crate hiroz: joints, a gripper, a mobile base, services and actions.
-//! hiroz_robot ROUTER_ENDPOINT PAUSE_S URDF_FILE: the seconds between two steps of an action.
+//! hiroz_robot ROUTER_ENDPOINT PAUSE_S URDF_FILE: the seconds between two steps of an action. With MORE_JOINTS in its
+//! environment it has so many joints more, j0 and so on, which swing to and fro.
 mod actions;
 mod body;
 mod cancelling;
@@ -36,7 +37,8 @@ async fn main() -> Result<()> {
     #[cfg(not(feature = "humble"))]
     let node = node.with_type_description_service();
     let node = node.build()?;
-    let body = Arc::new(Body::new());
+    let more = std::env::var("MORE_JOINTS").map_or(0, |count| count.parse().expect("a number of joints"));
+    let body = Arc::new(Body::new(more));
     let topics = body::publish(&node, body.clone(), urdf)?;
     let services = body::serve(&node, body.clone(), topics.lamp.clone())?;
     actions::serve(&node, body, pause)?;
