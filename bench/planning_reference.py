@@ -95,7 +95,7 @@ def reference(of: Scene) -> Reference:
     with tempfile.TemporaryDirectory() as folder:
         start = asked.around.paths[0].start
         writer = SceneWriter(of.arm.robot, start, asked.bounds, Path(folder))
-        made = writer.build(list(object_bodies(asked.around, of.objects)))
+        made = writer.build(list(object_bodies(asked.around, of.objects)), (of.goal,))
         speeds = np.array([asked.bounds[name].speed for name in made.joints])
         begin, end = (np.array([at[name] for name in made.joints]) for at in (start, of.goal))
         limits = [(asked.bounds[name].lower, asked.bounds[name].upper) for name in made.joints]
