@@ -22,7 +22,7 @@ from linked_fleet_gateway.extensions.world.surroundings import se3
 SAMPLE_S = 0.002
 BETWEEN = 5
 """Places between two ticks of MuJoCo that the independent check looks at."""
-_LEAST_M = 0.002
+_LEAST_M = 0.004
 """The independent check looks again where something may have come nearer by this."""
 _FAR_M = 0.06
 TICK_S = 0.01
