@@ -30,6 +30,8 @@ from linked_fleet_gateway.fleet.model import JointKind
 
 CLEARANCE_M = 0.0115
 """Clearance of paths: the margin of the collision check, and what a path may deviate between two checked places."""
+_CORNER_M = 2 * CLEARANCE_M
+"""More than a corner of something around moves when that is made larger: by up to √3 times the clearance."""
 _NEARER_M = 0.001
 """A pair that is nearer at the start may come nearer by this much, as in the collision check."""
 _TOUCHING_M = 1e-9
@@ -131,9 +133,9 @@ class SceneWriter:
             if not self._robot.anchored[n] or not self._anchors[body.joint][0]:
                 continue
             hull, centre = self._hull(n), self._standing.at(n).act(body.centre)
-            reach = CLEARANCE_M + body.radius
+            reach = _CORNER_M + body.radius
             near = (each for each in things if float(np.linalg.norm(centre - each.centre)) - each.radius < reach)
-            if any(distance(hull, each.shape, CLEARANCE_M) < CLEARANCE_M for each in near):
+            if any(distance(hull, each.shape, _CORNER_M) < _CORNER_M for each in near):
                 yield n
 
     def _hulls_near_others(self, rough: set[int]) -> Iterator[int]:
