@@ -32,6 +32,10 @@ CLEARANCE_M = 0.0115
 """Clearance of paths: the margin of the collision check, and what a path may deviate between two checked places."""
 _CORNER_M = 2 * CLEARANCE_M
 """More than a corner of something around moves when that is made larger: by up to √3 times the clearance."""
+OWN_M = 0.0012
+"""Clearance of a hull: that of the check between parts of the robot, and what a path deviates."""
+_PARTS_M = 0.005
+"""Parts whose hulls are nearer at the start or at a goal are compared by their meshes."""
 _NEARER_M = 0.001
 """A pair that is nearer at the start may come nearer by this much, as in the collision check."""
 _TOUCHING_M = 1e-9
@@ -112,7 +116,8 @@ class SceneWriter:
             return  # its place is unknown
         placed = at * self._robot.geometry.geometryObjects[n].placement
         if n in self._rough:
-            self._add_link(f"b{n}", joint, placed, [(body.hull, pin.SE3.Identity())], None)
+            hull = Shape(body.hull, body.hull, None, pin.SE3.Identity())
+            self._add_link(f"b{n}", joint, placed, *inflated(hull, OWN_M))
             return
         surface = body.surface
         mesh = None if surface is None else (surface.vertices, surface.triangles)
@@ -145,8 +150,8 @@ class SceneWriter:
             if not {i, k} & rough or not moved or not robot.anchored[i]:
                 continue
             apart = self._standing.at(i).act(bodies[i].centre) - self._standing.at(k).act(bodies[k].centre)
-            near = float(np.linalg.norm(apart)) - bodies[i].radius - bodies[k].radius < _NEARER_M
-            if near and distance(self._hull(i), self._hull(k), _NEARER_M) < _NEARER_M:
+            near = float(np.linalg.norm(apart)) - bodies[i].radius - bodies[k].radius < _PARTS_M
+            if near and distance(self._hull(i), self._hull(k), _PARTS_M) < _PARTS_M:
                 yield from (i, k)
 
     def _hull(self, n: int) -> Shape:
