@@ -36,6 +36,7 @@ SUITES = (
     Suite("driving"),
     Suite("driven_fleet", repeated=False),
     Suite("ways", repeated=False),
+    Suite("planning", repeated=False),
     Suite("ros2", repeated=False),
     Suite("actions", repeated=False),
     Suite("parts", repeated=False),

@@ -69,7 +69,7 @@ class Scene:
         for name, model in ARMS.items():
             file = data_folder() / model.file
             self.rigid[name] = Rigid(file)
-            self.robots[name] = _robot(file.read_text(), self.rigid[name], file)
+            self.robots[name] = robot_of(file.read_text(), self.rigid[name], file)
             names = [each for each in self.robots[name].model.names if each != "universe"]
             self.home[name] = self.rigid[name].complete({each: model.home.get(each, 0.0) for each in names})
 
@@ -103,7 +103,7 @@ class Scene:
         return sum(abs(after[each] - start[each]) * (1.0 if each in slides else reach[each]) for each in start)
 
 
-def _robot(urdf: str, rigid: Rigid, file: Path) -> Robot:
+def robot_of(urdf: str, rigid: Rigid, file: Path) -> Robot:
     paths = mesh_files(urdf, file)
     robot = build_robot(
         urdf, paths.keys(), lambda uri: read_mesh(paths[uri].suffix[1:].lower(), paths[uri].read_bytes())

@@ -34,6 +34,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "latency": {"seconds": 0.3},
     "driven_fleet": {"seconds": 0.5, "least_s": 0.5},
     "ways": {"_": 0.0, "scenes": 10},
+    "planning": {"_": 0.0, "scenes": 1},
     "actions": {"seconds": 0.1},
     "parts": {"seconds": 0.3, "robots": 2},
     "transports": {"seconds": 0.3, "losses": (0.02,)},

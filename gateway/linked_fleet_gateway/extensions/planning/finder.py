@@ -74,7 +74,7 @@ def find(
         assert blocked is not None
         return BlockedAt("goal", blocked)
     with tempfile.TemporaryDirectory(prefix="linked-fleet-plan-") as folder:
-        scene = SceneWriter(robot, start, asked.bounds, Path(folder)).build(things)
+        scene = SceneWriter(robot, start, asked.bounds, Path(folder)).build(things, goals)
         return _Search(asked, scene, ends_s).answer(goals)
 
 

@@ -1,5 +1,7 @@
 """Shapes that are larger than others by a distance. Metre."""
 
+from collections import OrderedDict
+
 import coal
 import numpy as np
 import pinocchio as pin
@@ -10,6 +12,8 @@ from linked_fleet_gateway.fleet.xml import ModelError
 
 _FLATTEST, _FARTHEST = 1e-3, 3.0
 """Squared sine of the angle below which two faces are one plane, and the longest shift of a corner."""
+_MOST_KEPT = 512
+_KEPT: OrderedDict[tuple[int, float], tuple[coal.CollisionGeometry, coal.CollisionGeometry]] = OrderedDict()
 Triangles = tuple[Array, Indices]
 """Vertices, and rows of three indices into them."""
 Solids = list[tuple[coal.CollisionGeometry, pin.SE3]]
@@ -31,7 +35,18 @@ def inflated(shape: Shape, by_m: float) -> tuple[Solids, Triangles | None]:
         return _capsule(solid, by_m), None
     if shape.hull is None:
         return [], _on_both_sides(solid, by_m)
-    return [(_around(np.array(shape.hull.points(), dtype=float).reshape(-1, 3), by_m), pin.SE3.Identity())], None
+    return [(_enlarged(shape.hull, by_m), pin.SE3.Identity())], None
+
+
+def _enlarged(hull: coal.CollisionGeometry, by_m: float) -> coal.CollisionGeometry:
+    """Return a hull that contains another one enlarged; those of the last robots are kept, because each costs 10 ms."""
+    kept = _KEPT.pop((id(hull), by_m), None)
+    if kept is None or kept[0] is not hull:
+        kept = hull, _around(np.array(hull.points(), dtype=float).reshape(-1, 3), by_m)
+    _KEPT[id(hull), by_m] = kept
+    if len(_KEPT) > _MOST_KEPT:
+        _KEPT.popitem(last=False)
+    return kept[1]
 
 
 def _capsule(solid: coal.Capsule, by_m: float) -> Solids:

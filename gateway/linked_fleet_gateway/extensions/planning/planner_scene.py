@@ -2,12 +2,14 @@
 
 Joints that do not move are fixed. Each shape of the robot is a link of its own, so that exactly the pairs of the
 collision check are compared. What is around is larger than it is by ``CLEARANCE_M``, unless the robot is nearer than
-that at the start.
+that at the start. A mesh of the robot is replaced by its convex hull, which takes a fraction of the time to compare,
+unless the hull is near something at the start or at a goal. So a path may be missed inside a hull, but none is free
+that touches the mesh.
 """
 
 import math
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
@@ -20,6 +22,7 @@ from roboplan.core import Scene, loadJointLimitsConfig, loadUrdfSceneDescription
 from linked_fleet_gateway.extensions.planning.inflation import Triangles, inflated
 from linked_fleet_gateway.extensions.planning.messages import JointBounds
 from linked_fleet_gateway.extensions.world.messages import Positions
+from linked_fleet_gateway.extensions.world.path import moved_positions
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array, Indices
 from linked_fleet_gateway.extensions.world.surroundings import MovingRobot, Shape, StaticBody, distance, is_inside
@@ -27,6 +30,12 @@ from linked_fleet_gateway.fleet.model import JointKind
 
 CLEARANCE_M = 0.0115
 """Clearance of paths: the margin of the collision check, and what a path may deviate between two checked places."""
+_CORNER_M = 2 * CLEARANCE_M
+"""More than a corner of something around moves when that is made larger: by up to √3 times the clearance."""
+OWN_M = 0.0012
+"""Clearance of a hull: that of the check between parts of the robot, and what a path deviates."""
+_PARTS_M = 0.005
+"""Parts whose hulls are nearer at the start or at a goal are compared by their meshes."""
 _NEARER_M = 0.001
 """A pair that is nearer at the start may come nearer by this much, as in the collision check."""
 _TOUCHING_M = 1e-9
@@ -59,8 +68,9 @@ class SceneWriter:
             self._add_joint(joint)
         return self._scene()
 
-    def build(self, things: Iterable[StaticBody]) -> PlannerScene:
-        """Return the scene with the robot and what is around."""
+    def build(self, things: Sequence[StaticBody], goals: Iterable[Positions]) -> PlannerScene:
+        """Return the scene with the robot and what is around it."""
+        self._rough = self._rough_bodies(things, goals)
         for joint in sorted(self._moving):
             self._add_joint(joint)
         for n in range(len(self._robot.bodies)):
@@ -116,9 +126,48 @@ class SceneWriter:
         if not self._robot.anchored[n]:
             return  # its place is unknown
         placed = at * self._robot.geometry.geometryObjects[n].placement
+        if n in self._rough:
+            hull = Shape(body.hull, body.hull, None, pin.SE3.Identity())
+            self._add_link(f"b{n}", joint, placed, *inflated(hull, OWN_M))
+            return
         surface = body.surface
         mesh = None if surface is None else (surface.vertices, surface.triangles)
         self._add_link(f"b{n}", joint, placed, [(body.shape, pin.SE3.Identity())], mesh)
+
+    def _rough_bodies(self, things: Sequence[StaticBody], goals: Iterable[Positions]) -> set[int]:
+        """Return the bodies with a mesh whose hulls are near nothing at the start and at the goals."""
+        robot, found = self._robot, {n for n, body in enumerate(self._robot.bodies) if body.surface is not None}
+        for place in ({}, *goals):
+            self._standing.set_positions(moved_positions(robot, self._start, place))  # type: ignore[arg-type]  # of numbers, numbers
+            found -= {*self._hulls_near_things(found, things), *self._hulls_near_others(found)}
+            self._standing.set_positions(self._start)
+        return found
+
+    def _hulls_near_things(self, rough: set[int], things: Sequence[StaticBody]) -> Iterator[int]:
+        for n in rough:
+            body = self._robot.bodies[n]
+            if not self._robot.anchored[n] or not self._anchors[body.joint][0]:
+                continue
+            hull, centre = self._hull(n), self._standing.at(n).act(body.centre)
+            reach = _CORNER_M + body.radius
+            near = (each for each in things if float(np.linalg.norm(centre - each.centre)) - each.radius < reach)
+            if any(distance(hull, each.shape, _CORNER_M) < _CORNER_M for each in near):
+                yield n
+
+    def _hulls_near_others(self, rough: set[int]) -> Iterator[int]:
+        robot, bodies = self._robot, self._robot.bodies
+        for i, k in robot.pairs:
+            moved = self._anchors[bodies[i].joint][0] != self._anchors[bodies[k].joint][0]
+            if not {i, k} & rough or not moved or not robot.anchored[i]:
+                continue
+            apart = self._standing.at(i).act(bodies[i].centre) - self._standing.at(k).act(bodies[k].centre)
+            near = float(np.linalg.norm(apart)) - bodies[i].radius - bodies[k].radius < _PARTS_M
+            if near and distance(self._hull(i), self._hull(k), _PARTS_M) < _PARTS_M:
+                yield from (i, k)
+
+    def _hull(self, n: int) -> Shape:
+        hull = self._robot.bodies[n].hull
+        return Shape(hull, hull, None, self._standing.at(n))
 
     # -- what is around -----------------------------------------------------------------------------------------------
 
