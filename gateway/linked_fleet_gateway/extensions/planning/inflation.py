@@ -1,19 +1,19 @@
 """Shapes that are larger than others by a distance. Metre."""
 
-from collections import OrderedDict
-
 import coal
 import numpy as np
 import pinocchio as pin
 
+from linked_fleet_gateway.extensions.planning.kept import Kept
 from linked_fleet_gateway.extensions.world.surfaces import Array, Indices, Surface, convex_hull
 from linked_fleet_gateway.extensions.world.surroundings import Shape
 from linked_fleet_gateway.fleet.xml import ModelError
 
 _FLATTEST, _FARTHEST = 1e-3, 3.0
 """Squared sine of the angle below which two faces are one plane, and the longest shift of a corner."""
-_MOST_KEPT = 512
-_KEPT: OrderedDict[tuple[int, float], tuple[coal.CollisionGeometry, coal.CollisionGeometry]] = OrderedDict()
+_MOST_DISTANCES = 8
+_ENLARGED: dict[float, Kept[coal.CollisionGeometry]] = {}
+"""Hulls that were enlarged, by the distance."""
 Triangles = tuple[Array, Indices]
 """Vertices, and rows of three indices into them."""
 Solids = list[tuple[coal.CollisionGeometry, pin.SE3]]
@@ -39,14 +39,12 @@ def inflated(shape: Shape, by_m: float) -> tuple[Solids, Triangles | None]:
 
 
 def _enlarged(hull: coal.CollisionGeometry, by_m: float) -> coal.CollisionGeometry:
-    """Return a hull that contains another one enlarged; those of the last robots are kept, because each costs 10 ms."""
-    kept = _KEPT.pop((id(hull), by_m), None)
-    if kept is None or kept[0] is not hull:
-        kept = hull, _around(np.array(hull.points(), dtype=float).reshape(-1, 3), by_m)
-    _KEPT[id(hull), by_m] = kept
-    if len(_KEPT) > _MOST_KEPT:
-        _KEPT.popitem(last=False)
-    return kept[1]
+    """Return a hull that contains another one enlarged; each costs 10 ms."""
+    if by_m not in _ENLARGED:
+        if len(_ENLARGED) == _MOST_DISTANCES:
+            _ENLARGED.clear()
+        _ENLARGED[by_m] = Kept(lambda each: _around(np.array(each.points(), dtype=float).reshape(-1, 3), by_m))
+    return _ENLARGED[by_m](hull)
 
 
 def _capsule(solid: coal.Capsule, by_m: float) -> Solids:

@@ -8,7 +8,6 @@ that touches the mesh.
 """
 
 import math
-import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -21,10 +20,10 @@ from roboplan.core import Scene, loadJointLimitsConfig, loadUrdfSceneDescription
 
 from linked_fleet_gateway.extensions.planning.inflation import Triangles, inflated
 from linked_fleet_gateway.extensions.planning.messages import JointBounds
+from linked_fleet_gateway.extensions.planning.stl import stl_of, stl_of_hull
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.path import moved_positions
 from linked_fleet_gateway.extensions.world.robot import Robot
-from linked_fleet_gateway.extensions.world.surfaces import Array, Indices
 from linked_fleet_gateway.extensions.world.surroundings import MovingRobot, Shape, StaticBody, distance, is_inside
 from linked_fleet_gateway.fleet.model import JointKind
 
@@ -39,7 +38,6 @@ _PARTS_M = 0.005
 _NEARER_M = 0.001
 """A pair that is nearer at the start may come nearer by this much, as in the collision check."""
 _TOUCHING_M = 1e-9
-_STL = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attributes", "<u2")])
 
 
 @dataclass(frozen=True)
@@ -216,7 +214,7 @@ class SceneWriter:
         """Add a link with convex ``solids``, or with a surface."""
         parts, convex = [], []
         if mesh is not None:
-            parts.append((self._mesh(*mesh), pin.SE3.Identity()))
+            parts.append((self._mesh(stl_of(*mesh)), pin.SE3.Identity()))
         else:
             for k, (solid, offset) in enumerate(solids):
                 text, is_mesh = self._geometry(solid)
@@ -240,15 +238,12 @@ class SceneWriter:
             return f'<sphere radius="{float(solid.radius)!r}"/>', False
         if isinstance(solid, coal.Cylinder):
             return f'<cylinder radius="{float(solid.radius)!r}" length="{float(2 * solid.halfLength)!r}"/>', False
-        faces = np.array([[solid.polygons(i)[k] for k in range(3)] for i in range(solid.num_polygons)], dtype=np.int32)
-        return self._mesh(np.array(solid.points(), dtype=float).reshape(-1, 3), faces), True
+        return self._mesh(stl_of_hull(solid)), True
 
-    def _mesh(self, vertices: Array, triangles: Indices) -> str:
+    def _mesh(self, stl: bytes) -> str:
         file = self._folder / f"{self._meshes}.stl"
         self._meshes += 1
-        rows = np.zeros(len(triangles), dtype=_STL)
-        rows["corners"] = vertices[triangles]
-        file.write_bytes(bytes(80) + struct.pack("<I", len(rows)) + rows.tobytes())
+        file.write_bytes(stl)
         return f'<mesh filename="{file}"/>'
 
     # -- limits and pairs -------------------------------------------------------------------------------------------

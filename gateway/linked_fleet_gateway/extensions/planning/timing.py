@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.world.surfaces import Array
 STEP_S, FINE_STEP_S = 0.03, 0.01
 MOST_WAYPOINTS, MOST_POSITIONS = 1_000, 16_384
 """The most that one command of an agent may have."""
-_ROUNDINGS = (0.3, 0.1, 0.02)
+_ROUNDINGS = (0.3, 0.1)
 _SHARE = 0.98
 """Share of the speed limits, so that the curve through the waypoints stays within them."""
 _SHORTEST_S = 0.005
