@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 from linked_fleet_agent.robot import JointFacts
 from linked_fleet_agent.trajectory import Trajectory, brake, reach, reach_in, through_waypoints
-from linked_fleet_agent.urdf.cruise import RAMP_S, cruise_of
+from linked_fleet_agent.urdf.cruise import RAMP_S, SPEED_SHARE, cruise_of
 from linked_fleet_agent.wire.messages import Follow, Move
 
-SPEED_SHARE = 0.9  # share of the speed that a command allows, because real joints ripple about their setpoint
 MAX_DURATION_S = 86_400.0
 # A joint that is further outside its limits moves back at this share of its speed. Less is due to its sensor or load.
 OUTSIDE_SHARE, _OUTSIDE_RAD, _OUTSIDE_M = 0.25, 0.02, 0.002

@@ -10,9 +10,9 @@ from starlette.responses import Response
 
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.actions.action_handlers import build_motion
+from linked_fleet_gateway.actions.guards import MotionGuard
 from linked_fleet_gateway.actions.operations import Call, Operation
 from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Halt, Motion
-from linked_fleet_gateway.actions.service import MotionGuard
 from linked_fleet_gateway.base.errors import (
     BadRequest,
     Busy,

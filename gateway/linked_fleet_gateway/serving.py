@@ -4,8 +4,8 @@ They are for own forms of bodies, preconditions, protocols and logins, and for w
 tables of an own form, and invocations for a client. ``VERSION`` counts changes that break extensions.
 """
 
+from linked_fleet_gateway.actions.guards import MotionPlanner, Paths
 from linked_fleet_gateway.actions.plan import Act, Caller, RobotTime, robot_time
-from linked_fleet_gateway.actions.service import MotionPlanner, Paths
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.body import convert_body, parse_body, parse_form, read_body
 from linked_fleet_gateway.http.fields import Link as WebLink

@@ -1,6 +1,7 @@
 """A simulated Panda among crates: paths that are planned, straight lines, refusals that say what would help."""
 
 import json
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -104,6 +105,23 @@ def test_a_rehearsal_shows_the_path(panda: Arm) -> None:
     assert {each["joint"]: each["value"] for each in said["waypoint"][-1]["target"]} == pytest.approx(
         {f"{panda.root}panda_joint{n}": value for n, value in BESIDE.items()}, abs=1e-5
     )
+
+
+def test_a_planned_path_keeps_to_the_speed_that_was_asked_for(panda: Arm) -> None:
+    whole, half = (
+        panda.post("moveJoints", panda.body(BESIDE, "Planned") | {"speedScale": scale}, "dry-run").json()
+        for scale in (1.0, 0.5)
+    )
+    assert half["duration"]["value"] > 1.5 * whole["duration"]["value"]
+    slow = {"value": 10, "unit": f"{UNITS}DEG-PER-SEC"}
+    turn = {"value": 1.2, "unit": f"{UNITS}RAD", "path": f"{TERMS}Planned", "speed": slow}
+    said = panda.browser.http.post(
+        f"{panda.root}panda_joint1/actions/rotate",
+        json=turn,
+        headers={"prefer": "dry-run", "accept": "application/json"},
+    )
+    assert said.status_code in {200, 409}, said.text
+    assert said.status_code == 409 or said.json()["duration"]["value"] > 1.2 / math.radians(10)
 
 
 def test_a_free_direct_path_is_taken_although_a_planned_one_was_asked_for(panda: Arm) -> None:

@@ -8,6 +8,7 @@ URDF states no acceleration.
 from linked_fleet_agent.urdf.facts import JointFacts
 
 CRUISE_SHARE = 0.8
+SPEED_SHARE = 0.9  # share of the speed that a command allows, because real joints ripple about their setpoint
 MAX_CRUISE_RAD_S, MAX_CRUISE_M_S = 1.5, 0.25
 # For joints whose URDF states no velocity limit.
 UNKNOWN_CRUISE_RAD_S, UNKNOWN_CRUISE_M_S = 0.5, 0.05

@@ -5,10 +5,9 @@ import logging
 import time
 import uuid
 from collections.abc import Callable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from types import TracebackType
-from typing import Protocol, Self
+from typing import Self
 
 from msgspec.structs import replace as replace_struct
 from pyoxigraph import NamedNode
@@ -16,6 +15,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_agent.wire.components import Operate
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Follow, Move, Refused, Reply, Stop
 from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler, Plan
+from linked_fleet_gateway.actions.guards import Guards, Paths, limited, unchecked
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
 from linked_fleet_gateway.actions.opening import Opening
 from linked_fleet_gateway.actions.operations import Operations
@@ -27,7 +27,6 @@ from linked_fleet_gateway.actions.plan import (
     Halt,
     Motion,
     build_command,
-    slowed,
 )
 from linked_fleet_gateway.actions.refusals import (
     TICK_S,
@@ -43,8 +42,7 @@ from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, MotionRefused, Unimplemented
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
+from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.action_offer import Offer
@@ -55,49 +53,6 @@ from linked_fleet_gateway.subscriptions.live import Live
 log = logging.getLogger(__name__)
 
 MAX_WAITING_PLANS = 16  # of at most 100 ms each
-
-
-class MotionGuard(Protocol):
-    """Checks motions for collisions and similar; ``visible_robots`` limits what its errors may reveal.
-
-    An action of a component is a motion too if it moves something; its path is known only if it has a ``drive``.
-    """
-
-    finding_predicate: NamedNode
-    """Predicate of rehearsals: true if the path was found free, ``lf:unknown`` if it could not be checked."""
-
-    async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
-        """Wait until motions of a robot can be checked. Raises MotionRefused if that takes too long."""
-
-    async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> Finding:
-        """Check the path of a motion. A finding is not free if the robot has no placement. Raises MotionRefused.
-
-        One about a drive may reduce its speed. Other running motions are considered, except the invocation with the id
-        ``own_id``.
-        """
-
-
-class Paths(Protocol):
-    """The paths that a motion may take, one after the other."""
-
-    async def next(self, refused: MotionRefused | None) -> Motion | None:
-        """Return the motion on its first path, or on another one after the guards have ``refused`` the last.
-
-        It is None if there is no other one. Raises MotionRefused, Conflict, UnprocessableContent, Busy.
-        """
-
-
-class MotionPlanner(Protocol):
-    """Finds the paths of motions."""
-
-    def paths(self, motion: Motion, caller: Caller, own_id: str) -> Paths | None:
-        """Return the paths of a motion; None if it takes the direct one only.
-
-        ``own_id`` is its invocation, empty for a rehearsal. Raises FleetError.
-        """
-
-    def advise(self, motion: Motion, refused: MotionRefused) -> None:
-        """Add to the refusal of a motion that takes the direct path what would let it take another one."""
 
 
 @dataclass(frozen=True)
@@ -124,8 +79,7 @@ class Actions:
 
     def __init__(self, live: Live, store: ActionStore, max_motions: int) -> None:
         self._live, self._store = live, store
-        self._guards: list[MotionGuard] = []
-        self.planner: MotionPlanner | None = None
+        self.guards = Guards()
         self.handlers: dict[NamedNode, Handler] = dict(HANDLERS)
         """The handler of each kind of action."""
         self.lifecycle = Lifecycle(live, store)
@@ -150,16 +104,6 @@ class Actions:
         await self.operations.close()
         await self.lifecycle.__aexit__(kind, error, trace)
 
-    def add_guard(self, guard: MotionGuard) -> None:
-        """Add a guard, which checks every motion before it is accepted."""
-        self._guards.append(guard)
-
-    async def await_guards(self, robot: Robot, visible_robots: View) -> None:
-        """Wait until motions of a robot can be checked, or until the guards give up waiting."""
-        with suppress(MotionRefused, Busy):
-            for guard in self._guards:
-                await guard.wait_until_ready(robot, visible_robots)
-
     # -- motions ----------------------------------------------------------------------------------------------------
 
     async def start(self, action: str, motion: Motion, caller: Caller) -> Invocation:
@@ -177,14 +121,16 @@ class Actions:
             raise Busy("The gateway was held up, and this may have been asked for before: ask again.")
         if motion.moves:
             self.lifecycle.stops.check_motion(robot.name)
-        now_ns = time.time_ns()
+        now_ns, id = time.time_ns(), str(uuid.uuid4())
+        paths = self.guards.paths(motion, caller, id)
+        within_s = ANSWER_TIMEOUT_S + REPORT_TIMEOUT_S + (0.0 if paths is None else paths.most_s)
         invocation = Invocation(
-            id=str(uuid.uuid4()),
+            id=id,
             robot=robot.name,
             action=action,
             targets=dict(motion.targets),
             created_ns=now_ns,
-            deadline_ns=now_ns + int((ANSWER_TIMEOUT_S + REPORT_TIMEOUT_S) * 1e9),
+            deadline_ns=now_ns + int(within_s * 1e9),
             client=caller.name,
             body=caller.body,
             facts=dict(motion.facts),
@@ -197,7 +143,7 @@ class Actions:
         if not is_new:
             return await self._opening.first(robot, invocation)
         lease = robot.lease
-        motion, checking_ns = await self._check(invocation, motion, caller)
+        motion, checking_ns = await self._check(invocation, motion, caller, paths)
         waited_ns += checking_ns
         if robot.lease != lease:
             await self._check_lease(invocation, caller)
@@ -217,27 +163,29 @@ class Actions:
         process was stalled meanwhile.
         """
         began_ns = time.monotonic_ns()
-        for guard in self._guards if motion.moves else ():
-            await guard.wait_until_ready(motion.robot, caller.visible_robots)
+        if motion.moves:
+            await self.guards.wait_until_ready(motion.robot, caller.visible_robots)
         return self._stalls.elapsed_ns(began_ns)
 
-    async def _check(self, invocation: Invocation, motion: Motion, caller: Caller) -> tuple[Motion, int]:
+    async def _check(
+        self, invocation: Invocation, motion: Motion, caller: Caller, paths: Paths | None
+    ) -> tuple[Motion, int]:
         """Check a motion that others can see already: of two concurrent ones, at least one sees the other.
 
         Return the motion as the guards let it be, and the time in ns, as ``_ready`` does.
         """
         began_ns = time.monotonic_ns()
         try:
-            motion, found = await self._on_free_path(motion, caller, invocation.id)
+            motion, found = await self.guards.on_free_path(motion, caller, invocation.id, paths)
         except FleetError as error:
             self._record_guard(invocation, error)
             raise
         except Exception:  # of whatever kind: others have seen the motion, and it must not stay accepted
             self.lifecycle.fail(invocation, "it could not be checked")
             raise
-        invocation.unchecked = _unchecked(found)
+        invocation.unchecked = unchecked(found)
         invocation.detour = motion.detour
-        motion, invocation.limited = _limited(motion, found)
+        motion, invocation.limited = limited(motion, found)
         invocation.facts = dict(motion.facts)
         until_ns = max((each.until_ns for each in found.values()), default=0)
         return replace_struct(motion, until_ns=until_ns), self._stalls.elapsed_ns(began_ns)
@@ -266,46 +214,12 @@ class Actions:
             self.lifecycle.fail(invocation, "control of the robot changed while the motion was checked")
             raise
 
-    async def _on_free_path(self, motion: Motion, caller: Caller, own: str) -> tuple[Motion, dict[NamedNode, Finding]]:
-        """Return a motion on the first of its paths that the guards do not refuse, and their findings.
-
-        Raises MotionRefused, and what its planner raises.
-        """
-        paths = None if self.planner is None or not motion.moves else self.planner.paths(motion, caller, own)
-        if paths is None:
-            return motion, await self._on_direct_path(motion, caller, own)
-        refused: MotionRefused | None = None
-        while (planned := await paths.next(refused)) is not None:
-            try:
-                return planned, await self._findings(planned, caller, own)
-            except MotionRefused as error:
-                refused = error
-        assert refused is not None
-        raise refused
-
-    async def _on_direct_path(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, Finding]:
-        """Return the findings of the guards. What they raise says if there may be another path."""
-        try:
-            return await self._findings(motion, caller, own)
-        except MotionRefused as error:
-            if self.planner is not None:
-                self.planner.advise(motion, error)
-            raise
-
-    async def _findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, Finding]:
-        """Return the finding of each guard about what moves. Raises MotionRefused."""
-        return {
-            guard.finding_predicate: await guard.check_path(motion, caller.visible_robots, own)
-            for guard in self._guards
-            if motion.moves
-        }
-
     async def guarded(self, motion: Motion, caller: Caller, own_id: str) -> tuple[Motion, str]:
         """Return what the guards let a sample of the open invocation ``own_id`` be, and why it is slower, if it is.
 
         Raises MotionRefused.
         """
-        return _limited(motion, await self._findings(motion, caller, own_id))
+        return limited(motion, await self.guards.findings(motion, caller, own_id))
 
     def plan(self, request: ActionRequest, offer: Offer) -> Plan:
         """Let the handler of an offered action create its plan. Raises the handler's errors."""
@@ -339,9 +253,9 @@ class Actions:
             self.lifecycle.stops.check_motion(robot.name)
         await self._opening.check(robot.name, caller, required_lease_id(robot) if motion.tied_to_lease else "")
         began_ns = time.monotonic_ns()
-        motion, findings = await self._on_free_path(motion, caller, "")
+        motion, findings = await self.guards.on_free_path(motion, caller, "", self.guards.paths(motion, caller, ""))
         waited_ns += self._stalls.elapsed_ns(began_ns)
-        motion, limited = _limited(motion, findings)
+        motion, why = limited(motion, findings)
         try:
             command = build_command(str(uuid.uuid4()), motion, waited_ns, rehearsal=True)
             reply = await self._live.link.command(robot.name, command, ANSWER_TIMEOUT_S)
@@ -350,9 +264,9 @@ class Actions:
         if isinstance(reply, Refused):
             raise agent_refusal(robot, reply)
         free = {predicate: finding.free for predicate, finding in findings.items()}
-        unchecked, facts, path = _unchecked(findings), dict(motion.facts), motion.motion if motion.detour else None
+        links, facts, path = unchecked(findings), dict(motion.facts), motion.motion if motion.detour else None
         assert not isinstance(path, Move | Act)  # a planned path has waypoints
-        return Rehearsal(reply.duration_s, reply.preempts, free, unchecked, facts, limited, path, motion.detour)
+        return Rehearsal(reply.duration_s, reply.preempts, free, links, facts, why, path, motion.detour)
 
     async def _send(self, invocation: Invocation, command: Command | Operate) -> Reply:
         try:
@@ -436,15 +350,3 @@ class Actions:
             raise AgentTimeout(f"The agent of {halt.robots[0]} gave no answer.")
         ends = tuple(id for reply in accepted for id in reply.preempts)
         return Rehearsal(max((reply.duration_s for reply in accepted), default=0.0), ends)
-
-
-def _limited(motion: Motion, findings: Mapping[NamedNode, Finding]) -> tuple[Motion, str]:
-    """Return the motion at the speed that all findings allow, and why it is slower, if it is."""
-    slowest = min(findings.values(), key=lambda each: each.speed_share, default=None)
-    if slowest is None or slowest.speed_share >= 1.0:
-        return motion, ""
-    return slowed(motion, slowest.speed_share), slowest.limited
-
-
-def _unchecked(findings: Mapping[NamedNode, Finding]) -> tuple[tuple[str, UncheckedLink], ...]:
-    return tuple(each for finding in findings.values() for each in finding.unchecked)

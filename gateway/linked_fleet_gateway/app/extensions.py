@@ -232,7 +232,7 @@ async def mount_extensions(
             continue
         if extension.guards_motions:
             reason = core.live.faults.find("extensions", thing=extension.name)
-            core.actions.add_guard(_MissingGuard(reason))
+            core.actions.guards.add(_MissingGuard(reason))
     for kind in action_definitions():
         if kind.iri not in core.actions.handlers:
             missing = LookupError(f"no Mount.handlers has {kind.iri.value}, so it is refused")
@@ -275,9 +275,9 @@ async def _mount(extension: Extension, core: Core, stack: AsyncExitStack) -> Mou
     core.live.add_branches(*found.branches)
     core.actions.handlers.update(found.handlers)
     if found.guard is not None:
-        core.actions.add_guard(found.guard)
+        core.actions.guards.add(found.guard)
     if found.planner is not None:
-        core.actions.planner = found.planner
+        core.actions.guards.planner = found.planner
     return found
 
 

@@ -14,8 +14,9 @@ from starlette.types import ASGIApp
 
 from linked_fleet_gateway.actions.action_handlers import Handler
 from linked_fleet_gateway.actions.execution import invoke
+from linked_fleet_gateway.actions.guards import MotionGuard, MotionPlanner
 from linked_fleet_gateway.actions.plan import Caller, RobotTime
-from linked_fleet_gateway.actions.service import Actions, MotionGuard, MotionPlanner
+from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.base.settings import Section, SectionT, section
 from linked_fleet_gateway.fleet.functions import FleetFunctions

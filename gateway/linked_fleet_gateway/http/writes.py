@@ -177,7 +177,7 @@ async def _changed(request: Request, setting: Setting) -> Response:
     """Return the response to a change: 204, or 200 with the links of the robot that no check of motions covers."""
     robot, actions = setting.robot, request.services.actions
     if setting.decides_checks and request.method != "DELETE":
-        await actions.await_guards(robot, request.caller.visible_robots)
+        await actions.guards.await_ready(robot, request.caller.visible_robots)
         with suppress(NotAcceptable):  # it is done already
             return _uncovered(request, robot) if robot.unchecked else Response(status_code=204)
     return Response(status_code=204)

@@ -3,18 +3,18 @@
 import asyncio
 import logging
 import math
-import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path as FilePath
 from random import Random
+from typing import NamedTuple
 
 import msgspec
 from msgspec.structs import replace
 
-from linked_fleet_agent.urdf.cruise import RAMP_S, cruise_of
+from linked_fleet_agent.urdf.cruise import RAMP_S, SPEED_SHARE, cruise_of
 from linked_fleet_agent.urdf.facts import JointFacts
 from linked_fleet_agent.wire.messages import Expectation, Follow, Move
 from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, RobotModel, UnprocessableContent
@@ -38,6 +38,7 @@ from linked_fleet_gateway.extensions.planning.terms import LF
 from linked_fleet_gateway.extensions.reach.extension import prepare_search
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
 from linked_fleet_gateway.extensions.world.messages import Answer, Check, Positions
+from linked_fleet_gateway.extensions.world.nearby import EARLY_S
 from linked_fleet_gateway.extensions.world.placement import has_placement
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation
 from linked_fleet_gateway.extensions.world.service import World
@@ -63,6 +64,13 @@ _SEEDS = 1_000
 _MOST_GOALS, _OTHER = 12, 0.1
 """Searches for other positions that reach a pose, and how far (rad, m) one joint of these is from the known ones."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+class Search(NamedTuple):
+    """A search: the seed of its random numbers, and its time in seconds."""
+
+    seed: int
+    within_s: float
 
 
 class PlannerProcess(Checker):
@@ -115,21 +123,20 @@ class Planner(MotionPlanner):
         if isinstance(refused, Collides) and isinstance(motion.motion, Move) and motion.request is not None:
             refused.advise("With lf:path lf:Planned a way round it is searched for.", {"path": LF.Planned.value})
 
-    async def plan(self, motion: Motion, caller: Caller, own_id: str, seed: int, because: str) -> Motion:
+    async def plan(self, motion: Motion, caller: Caller, own_id: str, search: "Search") -> Motion:
         """Return the motion on a path that was found. Raises MotionRefused, Conflict, Busy."""
         if self._waiting.total() >= MOST_WAITING or self._waiting[caller.name] >= MOST_OF_ONE:
             raise Busy("Too many motions are being planned; ask again.")
         self._waiting[caller.name] += 1
-        began_ns = time.monotonic_ns()
         try:
-            answer, asked = await self._ask(motion, caller, own_id, seed)
+            answer, asked = await self._ask(motion, caller, own_id, search)
         finally:
             self._waiting -= Counter([caller.name])
-        planned = self._on_path(motion, answer, asked)
-        computing_ns = motion.computing_ns + time.monotonic_ns() - began_ns
-        return replace(planned, computing_ns=computing_ns, detour=because)
+        return self._on_path(motion, answer, asked)
 
-    async def _ask(self, motion: Motion, caller: Caller, own_id: str, seed: int) -> tuple[PlanAnswer, PlanQuestion]:
+    async def _ask(
+        self, motion: Motion, caller: Caller, own_id: str, search: "Search"
+    ) -> tuple[PlanAnswer, PlanQuestion]:
         robot, sees = motion.robot, caller.visible_robots
         with self._process.in_use():
             if (why := await self._nearby.prepare(self._nearby.around(robot, sees))) is not None:
@@ -137,17 +144,17 @@ class Planner(MotionPlanner):
             robots = self._nearby.prepared_around(robot, sees)
             self._check_still(motion, own_id)
             around = self._questions.about(motion, robots, sees, own_id)
-            asked = self._question(motion, around, caller.patience_s, seed)
+            asked = self._question(motion, around, search)
             answer = await self._process.find(asked)
             if isinstance(answer, BlockedAt) and isinstance(asked, FindPath):
                 asked = replace(asked, goals=await asyncio.to_thread(other_goals, motion, asked))
                 answer = await self._process.find(asked) if asked.goals else answer
             return answer, asked
 
-    def _question(self, motion: Motion, around: Check, patience_s: float | None, seed: int) -> PlanQuestion:
+    def _question(self, motion: Motion, around: Check, search: "Search") -> PlanQuestion:
         bounds, goal = self._bounds(motion, around), dict(motion.targets)
         if kind_of(motion) != LF.Straight:
-            return FindPath(around, bounds, (goal,), min(max(patience_s or 0.0, SEARCH_S), MOST_SEARCH_S), seed)
+            return FindPath(around, bounds, (goal,), search.within_s, search.seed)
         assert motion.request is not None
         body = motion.request.body
         link = body.node(body.root, LF.ofLink)
@@ -168,8 +175,9 @@ class Planner(MotionPlanner):
 
     def _bounds(self, motion: Motion, around: Check) -> dict[str, JointBounds]:
         start = around.paths[0].start
+        speeds = motion.motion.speeds if isinstance(motion.motion, Move) else {}
         return {
-            name: bounds_of(motion.robot, name, start[name], goal, motion.speed_scale)
+            name: bounds_of(motion.robot, name, (start[name], goal), motion.speed_scale, speeds.get(name, math.inf))
             for name, goal in motion.targets.items()
         }
 
@@ -207,7 +215,7 @@ class Planner(MotionPlanner):
             return GoalBlocked(detail, reason="something is where it would end", met=met)
         within_s = asked.within_s if isinstance(asked, FindPath) else SEARCH_S
         detail = (
-            f"No path of {robot.name} was found in {within_s:g} s. There may be one: give the search more time by "
+            f"No path of {robot.name} was found in {within_s:.2g} s. There may be one: give the search more time by "
             f"Prefer: wait, of which up to {MOST_SEARCH_S:g} s are used, or move in steps."
         )
         return NoPathFound(detail, reason="no path was found in time")
@@ -223,23 +231,31 @@ class PlannedPaths(Paths):
     def __init__(self, planner: Planner, motion: Motion, caller: Caller, own_id: str) -> None:
         self._planner, self._motion, self._caller, self._own_id = planner, motion, caller, own_id
         self._given, self._because = 0, ""
+        self._left_s = min(max(caller.patience_s or 0.0, SEARCH_S), MOST_SEARCH_S)
+        self.most_s = self._left_s + EARLY_S + _MOST_PATHS * _ANSWER_S
 
     async def next(self, refused: MotionRefused | None) -> Motion | None:
-        """Return the motion on its next path; None after the last one."""
-        if kind_of(self._motion) == LF.Straight:
-            because = "a straight line was asked for"
-            return (
-                await self._planner.plan(self._motion, self._caller, self._own_id, 0, because)
-                if refused is None
-                else None
-            )
-        if refused is None:
+        """Return the motion on its next path; None after the last one, or after the time for the search."""
+        straight = kind_of(self._motion) == LF.Straight
+        if refused is None and not straight:
             return self._motion
-        if self._given == _MOST_PATHS or not isinstance(refused, Collides):
+        if self._given == (1 if straight else _MOST_PATHS) or self._left_s <= 0.0 or _is_other_refusal(refused):
             return None
         self._given += 1
-        self._because = self._because or f"on the direct path {refused.reason}"
-        return await self._planner.plan(self._motion, self._caller, self._own_id, self._given * _SEEDS, self._because)
+        if not self._because:
+            self._because = (
+                "a straight line was asked for" if refused is None else f"on the direct path {refused.reason}"
+            )
+        began_s = asyncio.get_running_loop().time()
+        seed, within_s = self._given * _SEEDS, self._left_s
+        planned = await self._planner.plan(self._motion, self._caller, self._own_id, Search(seed, within_s))
+        self._left_s -= asyncio.get_running_loop().time() - began_s
+        return replace(planned, detour=self._because or "a straight line was asked for")
+
+
+def _is_other_refusal(refused: MotionRefused | None) -> bool:
+    """Return True if another path would be refused as well."""
+    return refused is not None and not isinstance(refused, Collides)
 
 
 def other_goals(motion: Motion, asked: FindPath) -> tuple[Positions, ...]:
@@ -288,13 +304,17 @@ def _above(model: RobotModel, joint: str) -> Iterator[str]:
         joint = parent
 
 
-def bounds_of(robot: Robot, name: str, start: float, goal: float, scale: float) -> JointBounds:
-    """Return what a joint may do on a path: as fast as its agent lets it move, and as fast to that speed."""
+def bounds_of(robot: Robot, name: str, ends: tuple[float, float], scale: float, most: float) -> JointBounds:
+    """Return what a joint may do on a path: as fast as its agent lets it move, and as fast to that speed.
+
+    ``ends`` are its positions at the start and the goal, ``scale`` is the share of its speed, and ``most`` the highest
+    speed that was asked for.
+    """
     assert robot.model is not None
     joint = robot.model.joints[name]
     linear, continuous = joint.kind is JointKind.PRISMATIC, joint.kind is JointKind.CONTINUOUS
-    speed = cruise_of(JointFacts(name, linear, joint.limits)) * scale
+    speed = min(cruise_of(JointFacts(name, linear, joint.limits)), SPEED_SHARE * most) * scale
     low, high = joint.limits.lower, joint.limits.upper
     if continuous or low is None or high is None:
-        low, high = min(start, goal) - math.pi, max(start, goal) + math.pi
-    return JointBounds(min(low, start, goal), max(high, start, goal), speed, speed / RAMP_S)
+        low, high = min(ends) - math.pi, max(ends) + math.pi
+    return JointBounds(min(low, *ends), max(high, *ends), speed, speed / RAMP_S)
