@@ -1,15 +1,19 @@
 """Commanding a robot on its page, counted in clicks and taps: sliders, named poses, reach, control, history."""
 
+import json
 import re
+from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, Position, expect
+from playwright.sync_api import Browser, Locator, Page, Position, Route, expect
 
 from browser import LF
 from browser import Browser as Client
 from chromium import PHONE
 from commanding import TURTLE, angle, control
 from running import PATIENCE_S, eventually
+from scene_client import placement, put_robot
+from watched_page import Watched
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 JOINT = "wrist_3_joint"
@@ -133,6 +137,59 @@ def test_reach_begins_at_the_tip_and_takes_numbers(robot: Page, client: Client) 
     expect(robot.locator("#scene[data-ghost]")).to_be_visible()
     form.get_by_role("button", name="reach", exact=True).click()
     expect(form.locator(".task .state")).to_have_text("succeeded")
+
+
+@pytest.fixture
+def placed(client: Client) -> Iterator[None]:
+    """Place the robot, without which nothing is planned, while the test lasts."""
+    put_robot(client, "ur5", 0, 0, 0)
+    yield
+    assert client.http.delete(placement(client, "ur5")).status_code == 204
+
+
+@pytest.mark.webgl
+def test_the_ghost_moves_along_a_planned_path(placed: None, robot: Page) -> None:
+    form, height = open_reach(robot)
+    form.locator("summary", has_text="Options").click()
+    form.locator(f'select[data-path="{LF.path}"]').select_option(label="straight")
+    height.fill(f"{float(height.input_value()) - 0.05:.4f}")
+    form.get_by_role("button", name="Try without moving").click()
+    answer = form.locator(".answer")
+    expect(answer).to_contain_text("on a planned path: a straight line was asked for")
+    expect(answer).to_contain_text("off the line by at most")
+    drawn = "name => document.getElementById('scene').scene.translucent.copy.joints[name].angle"
+    along = answer.locator("input[type=range]")
+    seen = []
+    for share in (0, 0.5, 1):
+        along.evaluate("(e, s) => { e.value = String(e.max * s); e.dispatchEvent(new Event('input')); }", share)
+        seen.append(robot.evaluate(drawn, "elbow_joint"))
+    assert len(set(seen)) == 3 and (seen[0] - seen[1]) * (seen[1] - seen[2]) > 0
+    answer.get_by_role("button", name="Play the path").click()
+    end = float(along.get_attribute("max") or 0)
+    expect(answer.locator("output")).to_have_text(f"{end:.1f} s of {end:.1f} s")
+    assert robot.evaluate(drawn, "elbow_joint") == pytest.approx(seen[2], abs=1e-3)
+
+
+def test_a_refusal_offers_to_look_for_a_way_round(robot: Page, client: Client, watched: Watched) -> None:
+    """The gateway says what the same request may have in addition."""
+    robot.goto(client.robot("ur5").url + "actions/reach")
+    form = robot.locator("form.invoke")
+    asked: list[str] = []
+
+    def refuse(route: Route) -> None:
+        asked.append(route.request.post_data or "")
+        said = {"title": "The motion would end in a collision", "status": 409, "retryWith": [{"path": str(LF.Planned)}]}
+        route.fulfill(status=409, content_type="application/problem+json", body=json.dumps(said))
+
+    robot.route(lambda url: url.endswith("/actions/reach"), refuse)
+    for axis in "xyz":
+        form.locator(f'fieldset[data-path="{LF.position}"] input[data-path$="#{axis}"]').fill("300")
+    form.get_by_role("button", name="Try without moving").click()
+    form.get_by_role("button", name="Look for a way round it").click()
+    eventually(lambda: len(asked) == 2, "a second request")
+    assert str(LF.Planned) not in asked[0] and str(LF.Planned) in asked[1]
+    expect(form.get_by_role("button", name="Look for a way round it")).to_be_visible()
+    watched.forgive("409 (Conflict)")
 
 
 @pytest.mark.webgl

@@ -3,6 +3,7 @@
 import { complain, fieldsFor, read } from "./form.js";
 import { converted, number } from "./format.js";
 import { contact } from "./ghost.js";
+import { pathControls } from "./planned_path.js";
 import { refresh } from "./region.js";
 import { fresh, send } from "./request.js";
 import { follow } from "./tasks.js";
@@ -75,16 +76,35 @@ function titleIn(form) {
 /** @param {HTMLFormElement} form @param {import("./request.js").Answer} got */
 function refused(form, got) {
   const { problem, location } = got;
-  const { title, detail, report = [], things = [], names = [], point } = problem;
+  const { title, detail, report = [], things = [], names = [], point, retryWith = [] } = problem;
   const left = report.filter((result) => !mark(form, result));
   const parts = [strong(title), detail ? ` ${detail}` : ""];
   const messages = [...new Set(left.map(({ message }) => message).filter(Boolean))].filter((each) => !detail?.includes(each));
   if (messages.length) parts.push(list(messages));
   if (names.length) parts.push(list(things.map((iri, index) => link(iri, names[index] ?? localName(iri)))));
+  const other = retryWith.map((add) => wayRound(form, add)).filter(Boolean);
+  if (other.length) {
+    const bar = Object.assign(document.createElement("p"), { className: "buttons" });
+    bar.append(...other);
+    parts.push(bar);
+  }
   answer(form, "error", ...parts);
   contact(point);
   // Without an answer from the robot this is no refusal: the invocation shows the outcome.
   if (location) follow(location, undefined, form);
+}
+
+/** Return a button that tries the request with a further member, if the form has its field. */
+function wayRound(form, { path = "" }) {
+  const choice = form.querySelector(`select[data-path="${lf("path")}"]`);
+  const dry = form.querySelector("button[data-prefer=dry-run]");
+  if (!path || !choice || !dry) return undefined;
+  const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: "Look for a way round it" });
+  button.addEventListener("click", () => {
+    choice.value = path;
+    dry.click();
+  });
+  return button;
 }
 
 /** Show a result of the validation report at its field; return whether it has one. */
@@ -112,14 +132,16 @@ function rehearsed(form, graph, full = true) {
     return;
   }
   const lines = [];
-  for (const [predicate, name] of [["duration", "it would take"], ["positionResidual", "off the position by"], ["orientationResidual", "off the orientation by"]]) {
+  for (const [predicate, name] of [["duration", "it would take"], ["pathDeviation", "off the line by at most"], ["positionResidual", "off the position by"], ["orientationResidual", "off the orientation by"]]) {
     const node = graph.value(root, lf(predicate));
     if (node) lines.push(`${name} ${quantity(graph, `_:${node.value}`)}`);
   }
   if (full) for (const target of graph.values(root, lf("target"))) lines.push(targetOf(graph, `_:${target.value}`));
+  for (const { value } of facts.get(lf("plannedBecause")) ?? []) lines.push(`on a planned path: ${value}`);
   for (const { value } of facts.get(lf("preempts")) ?? []) lines.push(`it would end ${localName(value)}`);
   for (const { value } of facts.get(lf("unchecked")) ?? []) lines.push(uncheckedLink(graph, `_:${value}`));
-  answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines));
+  const path = pathControls(graph);
+  answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines), ...(path ? [path] : []));
   form.dispatchEvent(new CustomEvent("rehearsed", { bubbles: true, detail: graph }));
 }
 

@@ -3,6 +3,7 @@
 import { outcome } from "./act.js";
 import { ghost } from "./ghost.js";
 import { fresh, send } from "./request.js";
+import { positionsIn } from "./targets.js";
 import { follow } from "./tasks.js";
 import { DECIMAL, NUMERICAL_VALUE, RDF_TYPE, lf } from "./vocabulary.js";
 import { write } from "./ntriples.js";
@@ -89,16 +90,10 @@ export class Motion {
 
 /** @returns {Map<string, number>|undefined} the resulting positions according to a dry run */
 export function targetsIn(graph) {
-  const found = new Map();
-  for (const [, facts] of graph?.subjects ?? []) {
+  for (const [root, facts] of graph?.subjects ?? []) {
     if (!facts.get(RDF_TYPE)?.some(({ value }) => value === lf("Rehearsal"))) continue;
-    for (const { value } of facts.get(lf("target")) ?? []) {
-      const node = `_:${value}`;
-      const joint = graph.value(node, lf("ofJoint"))?.value;
-      const inner = graph.value(node, lf("value"));
-      const position = Number(graph.value(`_:${inner?.value}`, NUMERICAL_VALUE)?.value);
-      if (joint && Number.isFinite(position)) found.set(joint, position);
-    }
+    const found = positionsIn(graph, root);
+    if (found.size) return found;
   }
-  return found.size ? found : undefined;
+  return undefined;
 }

@@ -6,8 +6,8 @@ import { proof, remember } from "./control.js";
 const ACCEPT = "application/n-triples, application/problem+json";
 
 /**
- * @typedef {{type?: string, title: string, detail: string, status: number, report?: Record<string, string>[], things?: string[], names?: string[], point?: number[]}} Problem
- * `things` would collide at `point`, in metre in the world
+ * @typedef {{type?: string, title: string, detail: string, status: number, report?: Record<string, string>[], things?: string[], names?: string[], point?: number[], retryWith?: Record<string, string>[]}} Problem
+ * `things` would collide at `point`, in metre in the world; with members of `retryWith` the same request may succeed
  * @typedef {{problem?: Problem, graph?: import("./ntriples.js").Graph, location: string|null, status: number}} Answer
  */
 
