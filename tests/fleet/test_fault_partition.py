@@ -33,7 +33,7 @@ from commanding import (
     slowly,
 )
 from gateway_group import hub
-from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.actions.guards import Guards
 from parallel import pool
 from running import Process, eventually, process
 from simulated_robots import RESTING_RAD_S, SimulatedRobot, simulated
@@ -177,7 +177,7 @@ def test_a_motion_is_late_after_its_gateway_froze_while_it_was_checked(
         await asyncio.sleep(3.0)  # it finds its robots again
         return {}
 
-    monkeypatch.setattr(Actions, "_findings", findings)
+    monkeypatch.setattr(Guards, "findings", findings)
     with hub() as between, contextlib.ExitStack() as running:
         gateways, browsers = list[Process](), list[Browser]()
         for place in (Place(tmp_path / "freezes"), Place(tmp_path / "serves")):

@@ -34,9 +34,10 @@ from commanding import (
     state_at,
 )
 from gateway_group import Gateway, gateway, gateways, hub
-from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.actions.guards import Guards
+from linked_fleet_gateway.actions.plan import Caller, Motion
 from linked_fleet_gateway.base.errors import Busy
-from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.subscriptions.live import Live
 from parallel import at_once, pool
 from redis_servers import Servers
@@ -195,18 +196,20 @@ def _stop_all(browser: Browser) -> str:
 
 def test_a_check_that_breaks_off_ends_the_invocation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Others saw the motion when the check began; it neither runs nor counts any more."""
+    began: list[str] = []
 
-    async def findings(actions: Actions, *_: object) -> None:
-        assert [each.state for each in actions._live.invocations.open_of_robot("ur5")] == [InvocationState.ACCEPTED]
+    async def findings(guards: Guards, motion: Motion, caller: Caller, own: str) -> None:
+        began.append(own)
         raise Busy("too many are being checked")
 
     place = Place(tmp_path)
     with place.gateway() as (_, browser), place.ur5():
         live(browser, "ur5")
         with monkeypatch.context() as patch:
-            patch.setattr(Actions, "_findings", findings)
-            answer = put(browser, of_joint(browser, PAN), radian(0.5))
+            patch.setattr(Guards, "findings", findings)
+            answer = put(browser, action := of_joint(browser, PAN), radian(0.5))
         assert problem(answer) == (503, "busy")
+        assert browser.page(f"{action}/invocations/{began[0]}").one(LF.state) == LF.failed
         robot = browser.robot("ur5")
         assert not list(robot.graph.objects(robot.iri, LF.currentTask))
 
@@ -222,7 +225,7 @@ def test_a_lease_that_is_taken_during_a_check_counts(tmp_path: Path, monkeypatch
     place = Place(tmp_path)
     with place.gateway() as (_, browser), place.ur5(), pool(1) as thread:
         live(browser, "ur5")
-        monkeypatch.setattr(Actions, "_findings", findings)
+        monkeypatch.setattr(Guards, "findings", findings)
         action = of_joint(browser, PAN)
         lease = str(browser.robot("ur5").one(LF.lease))
         asked = thread.submit(put, browser, action, radian(-1.0))
