@@ -96,6 +96,12 @@ def test_a_crate_in_the_way_is_passed(panda: Arm) -> None:
     assert {int(n): value for n, value in reached.items()} == pytest.approx(BESIDE, abs=2e-3)
 
 
+def test_a_single_joint_is_offered_no_way_round(panda: Arm) -> None:
+    panda.go(BESIDE, "Planned")
+    refused = panda.post("moveJoints", panda.body({1: 0.0}), "dry-run")
+    assert refused.status_code == 409 and "retryWith" not in refused.json(), refused.text
+
+
 def test_a_rehearsal_shows_the_path(panda: Arm) -> None:
     said = panda.post("moveJoints", panda.body(BESIDE, "Planned"), "dry-run").json()
     assert said["collisionFree"] is True

@@ -119,8 +119,12 @@ class Planner(MotionPlanner):
         return None
 
     def advise(self, motion: Motion, refused: MotionRefused) -> None:
-        """Say in the refusal of a direct path that a way round what is in the way can be asked for."""
-        if isinstance(refused, Collides) and isinstance(motion.motion, Move) and motion.request is not None:
+        """Say in the refusal of a direct path that a way round what is in the way can be asked for.
+
+        A single joint has no other way.
+        """
+        moves = isinstance(motion.motion, Move) and motion.request is not None and len(motion.targets) > 1
+        if moves and isinstance(refused, Collides):
             refused.advise("With lf:path lf:Planned a way round it is searched for.", {"path": LF.Planned.value})
 
     async def plan(self, motion: Motion, caller: Caller, own_id: str, search: "Search") -> Motion:
