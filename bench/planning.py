@@ -24,7 +24,7 @@ from linked_fleet_gateway.extensions.world.messages import Free
 from linked_fleet_gateway.extensions.world.questions import legs_through
 
 SCENES = 6
-"""Of each arm, in ``make bench``; there may be as many as have a reference."""
+"""Scenes of each arm in ``make bench``; at most as many as have a reference."""
 LEAST_FOUND, MOST_P50_S, MOST_P95_S, MOST_LONGER = 98.0, 0.3, 2.0, 1.1
 _PATHS, _SEEDS = 4, 1_000
 """The most paths that a gateway has checked for one motion, and the seeds from one to the next."""
@@ -32,7 +32,7 @@ _PATHS, _SEEDS = 4, 1_000
 
 @dataclass(frozen=True)
 class Trial:
-    """What was found in a scene: the first path that the check accepts, in that many searches."""
+    """The outcome in a scene: the first path that the check accepts, in that many searches."""
 
     scene: Scene
     reference: Reference

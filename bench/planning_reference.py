@@ -1,4 +1,4 @@
-"""What another planner finds in the scenes of ``bench.planning_scenes``: RRT-Connect of OMPL, in the same scene.
+"""Paths of another planner in the scenes of ``bench.planning_scenes``: RRT-Connect of OMPL, in the same scene.
 
 Its states are compared with what is around by the scene that the gateway's search has, and its paths are timed as the
 gateway times its own, so that only paths are compared. The results are kept, so that others need no OMPL.
@@ -32,7 +32,7 @@ _SIMPLIFYING_S = 2.0
 
 
 class Reference(Struct, frozen=True, array_like=True):
-    """What OMPL found in a scene: in how many of its runs, and how long the fastest motion takes; 0 if none.
+    """The outcome of OMPL in a scene: how many of its runs found a path, and the time of the fastest motion; 0 if none.
 
     ``digest`` is that of the scene.
     """

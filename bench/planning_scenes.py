@@ -45,7 +45,7 @@ from linked_fleet_gateway.extensions.world.surroundings import (
 from linked_fleet_gateway.fleet.model import JointKind, Pose
 
 KINDS = ("open", "plates", "open", "table", "open", "shelf")
-"""Of the scenes, by their seed."""
+"""Kinds of scenes, in turn by their seed."""
 _CHECK_S = 20.0  # speed of the check is not measured here
 _MOST_ATTEMPTS = 500
 _TURN_RAD = 3.1

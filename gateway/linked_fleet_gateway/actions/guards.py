@@ -1,4 +1,4 @@
-"""What stands between a planned motion and its robot: guards that check its path, and a planner of other paths."""
+"""Guards check the path of a planned motion before its robot gets it; a planner finds other paths."""
 
 from collections.abc import Mapping
 from contextlib import suppress

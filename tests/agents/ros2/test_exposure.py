@@ -426,27 +426,33 @@ async def test_a_stop_while_the_server_has_not_yet_answered_cancels_the_goal_too
     assert list(server.statuses.values()) == [CANCELED]
 
 
-@pytest.mark.parametrize("lose", [MemoryAction.forget, lambda server: server.graph.leave(*server.names)])
-async def test_a_lost_server_makes_the_result_unknown(
-    graph: MemoryGraph, configured: Callable[[str], Configuration], lose: Callable[[MemoryAction], None]
-) -> None:
+async def counting(graph: MemoryGraph, configured: Callable[[str], Configuration]) -> tuple[MemoryAction, Client]:
+    """Return a server that has accepted a goal, and the client that asked for it."""
     server = MemoryAction(graph, "/cell/count", FIBONACCI)
     client = Client(await exposed(graph, configured('[[action]]\naction = "/cell/count"')))
     await client.operate("cell", "count", {"order": 5})
     await client.until(lambda: server.goals)
+    return server, client
+
+
+lost = pytest.mark.parametrize("lose", [MemoryAction.forget, lambda server: server.graph.leave(*server.names)])
+
+
+@lost
+async def test_a_lost_server_makes_the_result_unknown(
+    graph: MemoryGraph, configured: Callable[[str], Configuration], lose: Callable[[MemoryAction], None]
+) -> None:
+    server, client = await counting(graph, configured)
     lose(server)
     await client.until(lambda: client.state() == "failed", 30.0)
     assert client.end().reason.startswith("what became of the goal is not known")
 
 
-@pytest.mark.parametrize("lose", [MemoryAction.forget, lambda server: server.graph.leave(*server.names)])
+@lost
 async def test_a_goal_that_is_cancelled_after_its_server_was_lost_is_not_called_cancelled(
     graph: MemoryGraph, configured: Callable[[str], Configuration], lose: Callable[[MemoryAction], None]
 ) -> None:
-    server = MemoryAction(graph, "/cell/count", FIBONACCI)
-    client = Client(await exposed(graph, configured('[[action]]\naction = "/cell/count"')))
-    await client.operate("cell", "count", {"order": 5})
-    await client.until(lambda: server.goals)
+    server, client = await counting(graph, configured)
     lose(server)
     client.bench.stop("s", command=ID)
     await client.until(lambda: client.state() in ("failed", "cancelled"), 30.0)

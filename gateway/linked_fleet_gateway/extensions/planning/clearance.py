@@ -4,23 +4,20 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from linked_fleet_gateway.extensions.world.collision_check import CLEARANCE_M
+from linked_fleet_gateway.extensions.world.collision_check import CLEARANCE_M, SLACK_M
 from linked_fleet_gateway.extensions.world.messages import Check, CollisionFound, Positions
 from linked_fleet_gateway.extensions.world.path import moved_positions
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surroundings import (
     MARGIN_M,
+    TOUCHING_M,
     MovingRobot,
-    Shape,
     StaticBody,
     distance,
-    is_inside,
+    free_distance,
     meeting_point,
     se3,
 )
-
-_NEARER_M = 0.001
-_TOUCHING_M = 1e-9
 
 
 def touched(
@@ -30,37 +27,23 @@ def touched(
     there, here = MovingRobot(robot, start), MovingRobot(robot, start)
     there.set_positions(moved_positions(robot, start, goal))  # type: ignore[arg-type]  # of numbers, numbers
     for body, thing in _near_things(robot, there, things):
-        apart = _apart(there.shape(body), thing.shape, MARGIN_M)
-        if apart < MARGIN_M and apart < _apart(here.shape(body), thing.shape, MARGIN_M) - _NEARER_M:
+        apart = free_distance(there.shape(body), thing.shape, MARGIN_M)
+        if apart < MARGIN_M and apart < free_distance(here.shape(body), thing.shape, MARGIN_M) - SLACK_M:
             point = meeting_point(there.shape(body), thing.shape)
             place = None if point is None else tuple(np.round(se3(asked.robot.base).act(point), 4).tolist())
             return CollisionFound(robot.bodies[body].link, thing.kind, thing.name, thing.link, 1.0, place)
     for one, other in robot.pairs:
-        if robot.anchored[one] and _gap(robot, there, one, other) < CLEARANCE_M:
+        if robot.anchored[one] and there.gap(one, other) < CLEARANCE_M:
             apart = distance(there.shape(one), there.shape(other), CLEARANCE_M)
             if apart < CLEARANCE_M and distance(here.shape(one), here.shape(other), CLEARANCE_M) > max(
-                apart, _TOUCHING_M
+                apart, TOUCHING_M
             ):
                 return CollisionFound(robot.bodies[one].link, "self", "", robot.bodies[other].link, 1.0)
     return None
 
 
-def _apart(one: Shape, other: Shape, least_m: float) -> float:
-    apart = distance(one, other, least_m)
-    return 0.0 if apart > _TOUCHING_M and (is_inside(one, other) or is_inside(other, one)) else apart
-
-
 def _near_things(robot: Robot, there: MovingRobot, things: list[StaticBody]) -> Iterator[tuple[int, StaticBody]]:
-    for i, body in enumerate(robot.bodies):
+    for i in range(len(robot.bodies)):
         if not robot.anchored[i]:
             continue
-        centre = there.at(i).act(body.centre)
-        for thing in things:
-            if float(np.linalg.norm(centre - thing.centre)) - body.radius - thing.radius < MARGIN_M:
-                yield i, thing
-
-
-def _gap(robot: Robot, there: MovingRobot, one: int, other: int) -> float:
-    bodies = robot.bodies
-    apart = there.at(one).act(bodies[one].centre) - there.at(other).act(bodies[other].centre)
-    return float(np.linalg.norm(apart)) - bodies[one].radius - bodies[other].radius
+        yield from ((i, thing) for thing in things if there.gap_to(i, thing) < MARGIN_M)

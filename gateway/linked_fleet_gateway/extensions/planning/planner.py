@@ -1,7 +1,6 @@
 """Paths of motions round what is in the way: the questions to the process that plans, and what its answers mean."""
 
 import asyncio
-import logging
 import math
 from collections import Counter
 from collections.abc import Iterator
@@ -46,8 +45,6 @@ from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import JointKind
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.serving import Caller, MotionPlanner, NoReply, Paths
-
-_log = logging.getLogger(__name__)
 
 MODULE = "linked_fleet_gateway.extensions.planning.planning_process"
 SEARCH_S, MOST_SEARCH_S = 2.0, 20.0
@@ -190,7 +187,7 @@ class Planner(MotionPlanner):
             raise Unchecked(f"No path of {motion.robot.name} could be planned: {answer.reason}.")
         if not isinstance(answer, PathFound | StraightFound):
             raise self._refusal(motion.robot, answer, asked)
-        start, linear = asked.around.paths[0].start, self._linear(motion.robot)
+        start, linear = asked.around.paths[0].start, _linear(motion.robot)
         stands = {
             name: Expectation(start[name], STILL_M if name in linear else STILL_RAD)
             for name in answer.joints
@@ -224,9 +221,10 @@ class Planner(MotionPlanner):
         )
         return NoPathFound(detail, reason="no path was found in time")
 
-    def _linear(self, robot: Robot) -> set[str]:
-        joints = {} if robot.model is None else robot.model.joints
-        return {name for name, joint in joints.items() if joint.kind is JointKind.PRISMATIC}
+
+def _linear(robot: Robot) -> set[str]:
+    joints = {} if robot.model is None else robot.model.joints
+    return {name for name, joint in joints.items() if joint.kind is JointKind.PRISMATIC}
 
 
 class PlannedPaths(Paths):
@@ -254,7 +252,7 @@ class PlannedPaths(Paths):
         seed, within_s = self._given * _SEEDS, self._left_s
         planned = await self._planner.plan(self._motion, self._caller, self._own_id, Search(seed, within_s))
         self._left_s -= asyncio.get_running_loop().time() - began_s
-        return replace(planned, detour=self._because or "a straight line was asked for")
+        return replace(planned, detour=self._because)
 
 
 def _is_other_refusal(refused: MotionRefused | None) -> bool:

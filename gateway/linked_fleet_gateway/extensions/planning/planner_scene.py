@@ -7,7 +7,6 @@ unless the hull is near something at the start or at a goal. So a path may be mi
 that touches the mesh.
 """
 
-import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -21,10 +20,18 @@ from roboplan.core import Scene, loadJointLimitsConfig, loadUrdfSceneDescription
 from linked_fleet_gateway.extensions.planning.inflation import Triangles, inflated
 from linked_fleet_gateway.extensions.planning.messages import JointBounds
 from linked_fleet_gateway.extensions.planning.stl import stl_of, stl_of_hull
+from linked_fleet_gateway.extensions.world.collision_check import SLACK_M
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.path import moved_positions
 from linked_fleet_gateway.extensions.world.robot import Robot
-from linked_fleet_gateway.extensions.world.surroundings import MovingRobot, Shape, StaticBody, distance, is_inside
+from linked_fleet_gateway.extensions.world.surroundings import (
+    TOUCHING_M,
+    MovingRobot,
+    Shape,
+    StaticBody,
+    distance,
+    free_distance,
+)
 from linked_fleet_gateway.fleet.model import JointKind
 
 CLEARANCE_M = 0.0115
@@ -35,9 +42,6 @@ OWN_M = 0.0012
 """Clearance of a hull: that of the check between parts of the robot, and what a path deviates."""
 _PARTS_M = 0.005
 """Parts whose hulls are nearer at the start or at a goal are compared by their meshes."""
-_NEARER_M = 0.001
-"""A pair that is nearer at the start may come nearer by this much, as in the collision check."""
-_TOUCHING_M = 1e-9
 
 
 @dataclass(frozen=True)
@@ -146,9 +150,7 @@ class SceneWriter:
             body = self._robot.bodies[n]
             if not self._robot.anchored[n] or not self._anchors[body.joint][0]:
                 continue
-            hull, centre = self._hull(n), self._standing.at(n).act(body.centre)
-            reach = _CORNER_M + body.radius
-            near = (each for each in things if float(np.linalg.norm(centre - each.centre)) - each.radius < reach)
+            hull, near = self._hull(n), (each for each in things if self._standing.gap_to(n, each) < _CORNER_M)
             if any(distance(hull, each.shape, _CORNER_M) < _CORNER_M for each in near):
                 yield n
 
@@ -158,9 +160,7 @@ class SceneWriter:
             moved = self._anchors[bodies[i].joint][0] != self._anchors[bodies[k].joint][0]
             if not {i, k} & rough or not moved or not robot.anchored[i]:
                 continue
-            apart = self._standing.at(i).act(bodies[i].centre) - self._standing.at(k).act(bodies[k].centre)
-            near = float(np.linalg.norm(apart)) - bodies[i].radius - bodies[k].radius < _PARTS_M
-            if near and distance(self._hull(i), self._hull(k), _PARTS_M) < _PARTS_M:
+            if self._standing.gap(i, k) < _PARTS_M and distance(self._hull(i), self._hull(k), _PARTS_M) < _PARTS_M:
                 yield from (i, k)
 
     def _hull(self, n: int) -> Shape:
@@ -177,10 +177,10 @@ class SceneWriter:
         if not near:
             return
         self._disabled += [(f"b{i}", f"o{n}") for i in near]
-        if any(apart > _TOUCHING_M for apart in near.values()):
-            least = min(apart for apart in near.values() if apart > _TOUCHING_M)
-            self._add_inflated(f"n{n}", thing, max(least - _NEARER_M, 0.0))
-            compared = {i for i, apart in near.items() if apart > _TOUCHING_M}
+        if any(apart > TOUCHING_M for apart in near.values()):
+            least = min(apart for apart in near.values() if apart > TOUCHING_M)
+            self._add_inflated(f"n{n}", thing, max(least - SLACK_M, 0.0))
+            compared = {i for i, apart in near.items() if apart > TOUCHING_M}
             self._disabled += [(f"b{i}", f"n{n}") for i in moved if i not in compared]
 
     def _nearer(self, thing: StaticBody) -> dict[int, float]:
@@ -189,12 +189,8 @@ class SceneWriter:
         for i, body in enumerate(self._robot.bodies):
             if not self._anchors[body.joint][0] or not self._robot.anchored[i]:
                 continue
-            one = self._standing.shape(i)
-            gap = np.linalg.norm(self._standing.at(i).act(body.centre) - thing.centre) - body.radius - thing.radius
-            if gap < CLEARANCE_M:
-                apart = distance(one, thing.shape, CLEARANCE_M)
-                if apart > _TOUCHING_M and (is_inside(one, thing.shape) or is_inside(thing.shape, one)):
-                    apart = 0.0
+            if self._standing.gap_to(i, thing) < CLEARANCE_M:
+                apart = free_distance(self._standing.shape(i), thing.shape, CLEARANCE_M)
                 if apart < CLEARANCE_M:
                     found[i] = apart
         return found
@@ -267,10 +263,10 @@ class SceneWriter:
         scene.setCollisions([*((f"b{i}", f"b{k}") for i, k in off), *self._disabled], False)
 
     def _touch(self, i: int, k: int) -> bool:
-        one, other = self._standing.shape(i), self._standing.shape(k)
-        gap = np.linalg.norm(one.at.act(self._robot.bodies[i].centre) - other.at.act(self._robot.bodies[k].centre))
-        near = float(gap) <= self._robot.bodies[i].radius + self._robot.bodies[k].radius
-        return near and distance(one, other, _TOUCHING_M) <= _TOUCHING_M
+        standing = self._standing
+        if standing.gap(i, k) > 0.0:
+            return False
+        return distance(standing.shape(i), standing.shape(k), TOUCHING_M) <= TOUCHING_M
 
 
 def _origin(at: pin.SE3) -> str:
@@ -279,8 +275,3 @@ def _origin(at: pin.SE3) -> str:
 
 def _row(values: Iterable[float]) -> str:
     return " ".join(repr(float(each)) for each in values)
-
-
-def unwound(start: float, goal: float) -> tuple[float, float]:
-    """Return the range of positions in which a continuous joint is searched for: half a turn beyond start and goal."""
-    return min(start, goal) - math.pi, max(start, goal) + math.pi

@@ -12,6 +12,7 @@ import numpy as np
 from roboplan.core import JointPath, Scene
 from roboplan.toppra import PathParameterizerTOPPRA, SplineFittingMode, TOPPRAOptions
 
+from linked_fleet_gateway.extensions.world.path import highest_speed
 from linked_fleet_gateway.extensions.world.questions import waypoint_velocities
 from linked_fleet_gateway.extensions.world.surfaces import Array
 
@@ -99,9 +100,6 @@ def _peak(times_s: Sequence[float], positions: Sequence[float]) -> float:
     velocities = waypoint_velocities(times_s, positions)
     peak = 0.0
     for (t0, t1), (p0, p1), (v0, v1) in zip(pairwise(times_s), pairwise(positions), pairwise(velocities), strict=True):
-        slope = (p1 - p0) / (t1 - t0)
-        a, b = 3.0 * (v0 + v1 - 2.0 * slope), 2.0 * (3.0 * slope - 2.0 * v0 - v1)
-        turn = -b / (2.0 * a) if a else -1.0
-        middle = abs(v0 + turn * (b + turn * a)) if 0.0 < turn < 1.0 else 0.0
-        peak = max(peak, abs(v0), abs(v1), middle)
+        long_s = t1 - t0
+        peak = max(peak, highest_speed(p1 - p0, v0 * long_s, v1 * long_s) / long_s)
     return peak

@@ -45,12 +45,13 @@ from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
 from linked_fleet_gateway.extensions.world.surroundings import (
     MARGIN_M,
+    TOUCHING_M,
     MovingRobot,
     Shape,
     StaticBody,
     depth,
     distance,
-    is_inside,
+    free_distance,
     map_bodies,
     meeting_point,
     object_bodies,
@@ -60,9 +61,8 @@ from linked_fleet_gateway.extensions.world.surroundings import (
 from linked_fleet_gateway.fleet.xml import Vector
 
 CLEARANCE_M = 0.001  # half a step, so that parts that keep it at two neighbouring places do not touch between them
-_TOUCHING_M = 1e-9  # rounding: a larger distance is no contact
 _NEAREST_M = 1e-5  # least margin of a pair that does not touch at the start
-_SLACK_M = 0.001  # the distance of a near pair that does not move varies by rounding
+SLACK_M = 0.001  # the distance of a near pair that does not move varies by rounding
 _MOST_PAIRS = 100_000
 _WINDOW, _ROOM = 512, 1_000_000  # places evaluated ahead, and limit of the numbers that this takes
 _TOO_LONG = "the check takes too long; split the motion"
@@ -203,20 +203,18 @@ class _Sweep:
         if time.thread_time() > self._ends_s:
             raise UnknownPosition(_TOO_LONG)
         one, other = self._shapes(pair)
-        apart = distance(one, other, pair.least_m)
-        if apart > _TOUCHING_M and (is_inside(one, other) or is_inside(other, one)):
-            apart = 0.0
+        apart = free_distance(one, other, pair.least_m)
         if apart >= pair.least_m:
             return True
         solid = pair.thing is not None and one.surface is None and other.surface is None and other.hull is not None
-        if apart > _TOUCHING_M or solid:
+        if apart > TOUCHING_M or solid:
             touch_m = -math.inf if solid else min(_NEAREST_M, apart / 2)  # the depth inside a surface is unknown
-            pair.least_m = max(apart - _SLACK_M, touch_m)
-            pair.fine = apart > _TOUCHING_M and pair.least_m < STEP_M / 2
+            pair.least_m = max(apart - SLACK_M, touch_m)
+            pair.fine = apart > TOUCHING_M and pair.least_m < STEP_M / 2
             return True
         if pair.thing is None or other.hull is None:
             return False
-        pair.by_depth, pair.least_m = True, depth(one, other) - _SLACK_M
+        pair.by_depth, pair.least_m = True, depth(one, other) - SLACK_M
         return True
 
     def answer(self) -> Answer:

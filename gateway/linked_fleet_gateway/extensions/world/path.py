@@ -80,12 +80,15 @@ def _easing(before: Positions, leg: PathSegment) -> float:
     if not leg.duration_s:
         return 1.0
     moved = [(name, end - before[name]) for name, end in leg.ends.items() if end != before[name]]
-    return max((_peak(leg, name, way) / abs(way) for name, way in moved), default=1.0)
+    found = 1.0
+    for name, way in moved:
+        enters, leaves = (each.get(name, 0.0) * leg.duration_s for each in (leg.start_velocities, leg.end_velocities))
+        found = max(found, highest_speed(way, enters, leaves) / abs(way))
+    return found
 
 
-def _peak(leg: PathSegment, name: str, way: float) -> float:
-    """Return the highest speed of a joint that goes this way on a cubic leg, per share of the leg."""
-    enters, leaves = (each.get(name, 0.0) * leg.duration_s for each in (leg.start_velocities, leg.end_velocities))
+def highest_speed(way: float, enters: float, leaves: float) -> float:
+    """Return the highest speed on a cubic that goes this ``way``; both speeds, and the result, are per its duration."""
     a, b = 3.0 * (enters + leaves - 2.0 * way), 2.0 * (3.0 * way - 2.0 * enters - leaves)
     turn = -b / (2.0 * a) if a else -1.0
     middle = enters + turn * (b + turn * a) if 0.0 < turn < 1.0 else 0.0

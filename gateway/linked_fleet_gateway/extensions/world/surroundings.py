@@ -57,6 +57,16 @@ def depth(one: Shape, other: Shape) -> float:
     return _distance(one.hull, one, other.hull, other)
 
 
+TOUCHING_M = 1e-9
+"""Rounding: a larger distance is no contact."""
+
+
+def free_distance(one: Shape, other: Shape, least_m: float) -> float:
+    """Return the distance as ``distance`` does, and zero if one contains the other."""
+    apart = distance(one, other, least_m)
+    return 0.0 if apart > TOUCHING_M and (is_inside(one, other) or is_inside(other, one)) else apart
+
+
 def _distance(mine: coal.CollisionGeometry, one: Shape, yours: coal.CollisionGeometry, other: Shape) -> float:
     return float(coal.distance(mine, one.place, yours, other.place, _REQUEST, coal.DistanceResult()))
 
@@ -130,6 +140,17 @@ class MovingRobot:
 
     def shape(self, body: int) -> Shape:
         return _shape(self.robot.bodies[body], self.at(body))
+
+    def gap(self, one: int, other: int) -> float:
+        """Return a lower bound of the distance of two bodies, by their bounding spheres."""
+        bodies = self.robot.bodies
+        apart = self.at(one).act(bodies[one].centre) - self.at(other).act(bodies[other].centre)
+        return float(np.linalg.norm(apart)) - bodies[one].radius - bodies[other].radius
+
+    def gap_to(self, body: int, thing: StaticBody) -> float:
+        """Return a lower bound of the distance of a body and something around, by their bounding spheres."""
+        mine = self.robot.bodies[body]
+        return float(np.linalg.norm(self.at(body).act(mine.centre) - thing.centre)) - mine.radius - thing.radius
 
     def centres(self, bodies: npt.NDArray[np.intp]) -> Array:
         found = np.zeros((len(self.robot.bodies), 3))
