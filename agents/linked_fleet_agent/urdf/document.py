@@ -15,7 +15,7 @@ _log = logging.getLogger(__name__)
 
 MAX_CHARACTERS: Final = 8_000_000
 MAX_DEPTH: Final = 64
-MAX_ELEMENTS: Final = 200_000
+MAX_ELEMENTS: Final = 50_000
 _MARKS: Final = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),

@@ -102,6 +102,25 @@ def test_a_flood_of_descriptions_costs_little_of_the_time(monkeypatch: pytest.Mo
     assert [round(each) for each in judged] == [0, 51, 102]
 
 
+def test_the_good_description_counts_at_once_after_one_that_took_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    session, later_s = Session(), [0.0]
+
+    def slowly(name: str, arrived: ReceivedMessage) -> None:
+        later_s[0] += 100.0
+        raise UrdfError("it is no robot")
+
+    robot = _robot(session)
+    monkeypatch.setattr(robot_module, "facts_of", slowly)
+    clock = SimpleNamespace(monotonic=lambda: time.monotonic() + later_s[0], time_ns=time.time_ns)
+    monkeypatch.setattr(robot_module, "time", clock)
+    _deliver(session.descriptions, text(arm(more="<!-- two -->")))
+    with pytest.raises(RobotFaultError, match="it is no robot"):
+        _read(robot, session)
+    _deliver(session.descriptions, text(arm()))
+    session.states.put(joint_state(["j1", "j2"], [0.5, -0.5]), clock.monotonic())
+    assert robot.read(0.0).positions == (0.5, -0.5)
+
+
 def test_bytes_that_are_no_description_are_ignored(caplog: pytest.LogCaptureFixture) -> None:
     session = Session()
     robot = _robot(session)

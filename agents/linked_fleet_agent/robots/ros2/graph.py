@@ -59,6 +59,11 @@ class Mailbox:
         """Store a message; None is one that was too long. May be called from any thread."""
         self._waiting.append(ReceivedMessage(payload, time.monotonic() if at_s is None else at_s))
 
+    @property
+    def newest(self) -> ReceivedMessage | None:
+        """The last message that is not fetched yet."""
+        return self._waiting[-1] if self._waiting else None
+
     def fetch(self) -> list[ReceivedMessage]:
         """Return the messages since the last call, oldest first."""
         return [self._waiting.popleft() for _ in range(len(self._waiting))] if self._waiting else []

@@ -50,7 +50,9 @@ class Hostile(NamedTuple):
     agent: Process
 
     def put(self, topic: Interface, payload: bytes) -> None:
-        self.session.put(self.transport.key(topic, HASH), payload)
+        """Send a message that Zenoh does not drop, however long it takes to send."""
+        key, blocks = self.transport.key(topic, HASH), zenoh.CongestionControl.BLOCK
+        self.session.put(key, payload, congestion_control=blocks)
 
     def flood(self, topic: Interface, payload: bytes) -> None:
         """Send ``RATE_HZ`` messages a second, or as many as this machine can."""
