@@ -126,6 +126,7 @@ def _action_caller(request: Request, admitted: "_Admitted", patience_s: float | 
         admitted.written,
         visible_robots=request.caller.visible_robots,
         patience_s=patience_s,
+        identity=request.caller,
     )
 
 
