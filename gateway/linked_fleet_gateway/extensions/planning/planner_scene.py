@@ -21,7 +21,7 @@ from linked_fleet_gateway.extensions.planning.inflation import Triangles, inflat
 from linked_fleet_gateway.extensions.planning.messages import JointBounds
 from linked_fleet_gateway.extensions.planning.stl import stl_of, stl_of_hull
 from linked_fleet_gateway.extensions.world.collision_check import SLACK_M
-from linked_fleet_gateway.extensions.world.held_bodies import Permission
+from linked_fleet_gateway.extensions.world.held_bodies import NO_PERMISSION, Permission
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.path import moved_positions
 from linked_fleet_gateway.extensions.world.robot import Robot
@@ -72,7 +72,7 @@ class SceneWriter:
         return self._scene()
 
     def build(
-        self, things: Sequence[StaticBody], goals: Iterable[Positions], permission: Permission
+        self, things: Sequence[StaticBody], goals: Iterable[Positions], permission: Permission = NO_PERMISSION
     ) -> PlannerScene:
         """Return the scene with the robot and what is around it, without pairs that may touch by ``permission``."""
         self._permission = permission

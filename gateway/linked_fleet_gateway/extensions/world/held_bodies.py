@@ -46,7 +46,10 @@ def with_held(asked: Check, robots: Mapping[str, Robot], objects: Shapes) -> tup
 
 
 def _with_bodies(robot: Robot, holds: Sequence[HeldObject], objects: Shapes) -> Robot:
-    """Return a robot with held objects. One on a link whose place is unknown makes its unchecked links reach further."""
+    """Return a robot with held objects.
+
+    One on a link whose place is unknown makes the unchecked links of the robot reach further.
+    """
     geometry, bodies, pairs, far_m = pin.GeometryModel(robot.geometry), list(robot.bodies), list(robot.pairs), 0.0
     for held in holds:
         if (shape := objects.get(held.key)) is None:
@@ -118,3 +121,6 @@ class Permission:
     def allows(self, body: int, thing: StaticBody) -> bool:
         """Return True if the body may touch the thing."""
         return thing.kind == "object" and thing.name in self.objects and body in self.bodies
+
+
+NO_PERMISSION = Permission(frozenset(), frozenset())

@@ -30,7 +30,7 @@ def _object(geometry: Geometry) -> SceneObject:
 
 def _read(turtle: str, present: SceneObject | None = None) -> SceneObject:
     triples = parse((_PREFIXES + turtle).encode(), "text/turtle", _IRI)
-    return read_object(triples, _IRI, f"{_BASE}/world", present)
+    return read_object(triples, _IRI, f"{_BASE}/world", present).settled({}, present, 1)
 
 
 @pytest.mark.parametrize("media_type", BODY_TYPES)
@@ -38,9 +38,10 @@ def _read(turtle: str, present: SceneObject | None = None) -> SceneObject:
 def test_an_object_may_be_put_as_it_was_read(geometry: Geometry, media_type: str) -> None:
     """In each accepted syntax, with the mesh by its link: nothing changes."""
     thing, graph = _object(geometry), Graph()
-    describe_object(graph, _BASE, "1", thing)
+    describe_object(graph, _BASE, "1", thing, {})
     triples = parse(render(graph.triples, media_type, PREFIXES, base=_IRI), media_type, _IRI)
-    assert read_object(triples, _IRI, f"{_BASE}/world", thing, ground_statements(graph)) == thing
+    stated = read_object(triples, _IRI, f"{_BASE}/world", thing, ground_statements(graph))
+    assert stated.settled({}, thing, 1) == thing
 
 
 @pytest.mark.parametrize(
