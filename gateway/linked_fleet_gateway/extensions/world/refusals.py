@@ -76,7 +76,7 @@ class Refusals:
         said = f"an occupied place of {what}{_at(met)}" if met.kind == "map" else what
         after = f"after {100 * met.share:.0f} % of the way"
         return Collides(
-            f"{of_robot} would meet {said} {after}.",
+            f"{of_robot}{',' if met.held else ''} would meet {said}{',' if met.other_held else ''} {after}.",
             things=[link, *([] if other is None else [other])],
             names=[of_robot, *([] if other is None else [what])],
             share=met.share,
