@@ -179,6 +179,13 @@ def test_an_object_that_is_not_there_is_refused(hand: Hand, action: str) -> None
     assert refused.status_code == 422 and "is not an object of the world" in refused.json()["detail"], refused.text
 
 
+def test_an_object_that_is_far_from_the_hand_is_not_grasped(hand: Hand) -> None:
+    far = hand.add("far", metres(x=0.1, y=0.1, z=0.1), position=metres(x=5, y=5, z=0.05))
+    refused = hand.post("gripper/actions/grasp", {"object": far}, "dry-run")
+    assert refused.status_code == 409, refused.text
+    assert "m away from panda_hand of panda" in refused.json()["detail"]
+
+
 def test_a_zone_is_not_touched_by_naming_it(hand: Hand) -> None:
     zone = hand.add("zone", metres(x=1, y=1, z=1), position=metres(x=5, y=5, z=5), kind=f"{TERMS}KeepOutZone")
     refused = hand.post("actions/moveJoints", hand.targets(BESIDE, mayTouch=[zone]), "dry-run")
@@ -216,7 +223,7 @@ def test_without_its_placement_the_place_of_what_a_robot_holds_is_unknown(hand: 
     )  # fmt: skip
     assert refused.status_code == 409 and "is unknown" in refused.json()["detail"], refused.text
     grasp = hand.post("gripper/actions/grasp", {"object": bar}, "dry-run")
-    assert grasp.status_code == 409 and "no placement" in grasp.json()["detail"], grasp.text
+    assert grasp.status_code == 409 and "It is unknown where bar is" in grasp.json()["detail"], grasp.text
 
 
 @pytest.mark.parametrize(

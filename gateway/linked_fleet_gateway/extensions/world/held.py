@@ -13,6 +13,7 @@ from functools import lru_cache
 from msgspec.structs import replace
 
 from linked_fleet_gateway.api import Conflict, Link, Pose, Robot, UnprocessableContent, link_path, thing_at
+from linked_fleet_gateway.extensions.world.hands import palm_of
 from linked_fleet_gateway.extensions.world.placement import WORLD, pose_in_world
 from linked_fleet_gateway.extensions.world.scene import (
     MAX_OBJECTS,
@@ -24,9 +25,12 @@ from linked_fleet_gateway.extensions.world.scene import (
     Sphere,
     TriangleMesh,
 )
+from linked_fleet_gateway.fleet.gripper import Gripper
 from linked_fleet_gateway.fleet.kinematics import compose, inverse
 
 Robots = Mapping[str, Robot]
+FARTHEST_M = 0.5
+"""The distance of an object from the origin of the link that carries the fingers beyond which no gripper grasps it."""
 
 
 def path_of(held: Held, robots: Robots) -> str:
@@ -50,6 +54,14 @@ def _link_in_world(name: str, link: str, robots: Robots) -> Pose | None:
     return None if robot is None or robot.model is None else pose_in_world(robot, link)
 
 
+def in_hand(robot: Robot, gripper: Gripper, segment: str, thing: SceneObject) -> Held | None:
+    """Return how a gripper holds an object that it grasps now; None if it is unknown where that is in its hand."""
+    link = "" if robot.model is None else palm_of(robot.model, gripper)
+    pose = pose_of(thing, {robot.name: robot})
+    on_link = None if pose is None or not link else relative_to(pose, robot, link)
+    return None if on_link is None else Held(robot.name, link, on_link, segment)
+
+
 def relative_to(pose: Pose, robot: Robot, link: str) -> Pose | None:
     """Return a pose in the world in the frame of a link; None if it is unknown where that is."""
     there = pose_in_world(robot, link)
@@ -59,6 +71,11 @@ def relative_to(pose: Pose, robot: Robot, link: str) -> Pose | None:
 def held_by(robot: Robot, objects: Mapping[str, SceneObject]) -> dict[str, SceneObject]:
     """Return the objects that a robot holds, by id."""
     return {id: each for id, each in objects.items() if each.held is not None and each.held.robot == robot.name}
+
+
+def gap_m(held: Held, geometry: Geometry) -> float:
+    """Return a lower bound of the distance between the origin of the link and what it holds."""
+    return math.hypot(*held.pose.position_m) - _radius_m(geometry)
 
 
 def extent_m(held: Held, geometry: Geometry) -> float:

@@ -20,8 +20,8 @@ from linked_fleet_gateway.api import Invocation, InvocationState, Pose, RedisUna
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.world.collisions import Unchecked
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS
-from linked_fleet_gateway.extensions.world.hands import grippers, palm_of
-from linked_fleet_gateway.extensions.world.held import held_by, pose_of, relative_to
+from linked_fleet_gateway.extensions.world.hands import grippers
+from linked_fleet_gateway.extensions.world.held import FARTHEST_M, gap_m, held_by, in_hand, pose_of
 from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import Held, SceneObject
 from linked_fleet_gateway.faces import robot_path
@@ -110,19 +110,17 @@ class Holding:
         """Take the object that a grasp has named into the gripper, unless something later has been decided about it."""
         named = _NAMED.search(invocation.body)
         thing = None if named is None else self._objects.known.get(named[1])
-        link = "" if robot.model is None else palm_of(robot.model, gripper)
-        if named is None or thing is None or not link or named[1] in self._due:
+        if named is None or thing is None or named[1] in self._due:
             return
         if thing.decided_ns >= invocation.created_ns:
             return  # something later has been decided about it
         if invocation.incarnation != robot.incarnation or not _says_holding(invocation):
             return
-        pose = pose_of(thing, self._live.fleet.robots)
-        on_link = None if pose is None else relative_to(pose, robot, link)
-        if on_link is None:
-            _log.warning("%s holds %s, but it is unknown where in its hand", robot.name, thing.title)
+        held = in_hand(robot, gripper, segment, thing)
+        if held is None or gap_m(held, thing.geometry) > FARTHEST_M:
+            _log.warning("%s does not hold %s, which is not known to be in its hand", robot.name, thing.title)
             return
-        held = Held(robot.name, link, on_link, segment, invocation.ended_ns or time.time_ns())
+        held = replace(held, since_ns=invocation.ended_ns or time.time_ns())
         for id, each in self._held_by(robot, segment).items():
             if id != named[1]:
                 self._let_go(id, each, invocation.created_ns)

@@ -4,9 +4,11 @@ from collections.abc import Mapping
 
 from linked_fleet_gateway.api import ActionRequest, Conflict, Motion, NamedNode, UnprocessableContent
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS
-from linked_fleet_gateway.extensions.world.placement import LF, has_placement
+from linked_fleet_gateway.extensions.world.hands import grippers
+from linked_fleet_gateway.extensions.world.held import FARTHEST_M, gap_m, in_hand
+from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import SceneObject
-from linked_fleet_gateway.faces import View
+from linked_fleet_gateway.faces import View, robot_path
 
 Objects = Mapping[str, SceneObject]
 
@@ -19,15 +21,26 @@ def things_to_touch(motion: Motion, objects: Objects, sees: View) -> tuple[str, 
 def thing_to_grasp(motion: Motion, objects: Objects, sees: View) -> str:
     """Return the id of the object that an action of a gripper grasps, empty for none.
 
-    Raises UnprocessableContent, and Conflict if it is unknown where the object is in the hand.
+    Raises UnprocessableContent, and Conflict if the object is too far away, or it is unknown where it is in the hand.
     """
-    found = _named(motion, LF.object, objects, sees)
-    if found and not has_placement(motion.robot):
+    named = _named(motion, LF.object, objects, sees)
+    if not named or (request := motion.request) is None:
+        return ""
+    robot, thing = motion.robot, objects[named[0]]
+    segment = request.thing.removeprefix(robot_path(robot.name))
+    gripper = grippers(robot).get(segment)
+    held = None if gripper is None else in_hand(robot, gripper, segment, thing)
+    if held is None:
         raise Conflict(
-            f"{motion.robot.name} has no placement in the world, so it is unknown where {objects[found[0]].title} is "
-            "in its hand: PUT its placement, or leave the object out."
+            f"It is unknown where {thing.title} is in the hand of {robot.name}, whose place in the world is unknown: "
+            "PUT its placement, or leave the object out."
         )
-    return found[0] if found else ""
+    if (gap := gap_m(held, thing.geometry)) > FARTHEST_M:
+        raise Conflict(
+            f"{thing.title} is {gap:.2f} m away from {held.link} of {robot.name}, and a gripper grasps what is within "
+            f"{FARTHEST_M:g} m: move there first, or PUT the position of {thing.title}."
+        )
+    return named[0]
 
 
 def _named(motion: Motion, predicate: NamedNode, objects: Objects, sees: View) -> tuple[str, ...]:

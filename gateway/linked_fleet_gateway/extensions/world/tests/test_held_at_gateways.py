@@ -79,7 +79,7 @@ def test_what_a_gripper_holds_is_known_at_all_gateways_and_outlives_them(tmp_pat
         with serving_robot(one.zenoh, "gripper", robot):
             browser = Browser(one.root)
             live(browser, "gripper")
-            put_robot(browser, "gripper", 1, 0, 0)
+            put_robot(browser, "gripper", 0.1, 0, 0)
             url = f"{one.root}gripper/gripper"
             eventually(lambda: httpx.get(url, timeout=20).status_code == 200, "the gripper")
             added = httpx.post(f"{one.root}world/objects", json=CUP, timeout=20).headers["location"]
