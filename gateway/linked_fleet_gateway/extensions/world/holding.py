@@ -7,7 +7,6 @@ wins. What is not written yet, because Redis is away, is written as soon as it i
 
 import asyncio
 import logging
-import re
 import time
 from collections.abc import Callable
 from types import TracebackType
@@ -15,6 +14,7 @@ from typing import Self
 
 import msgspec
 from msgspec.structs import replace
+from pyoxigraph import NamedNode, RdfFormat, parse
 
 from linked_fleet_gateway.api import Invocation, InvocationState, Pose, RedisUnavailable, Robot, Table, cancel_tasks
 from linked_fleet_gateway.base.errors import FleetError
@@ -29,7 +29,6 @@ from linked_fleet_gateway.fleet.gripper import Gripper
 from linked_fleet_gateway.serving import Live
 
 _log = logging.getLogger(__name__)
-_NAMED = re.compile(rf"<{re.escape(LF.object.value)}> <[^>]*{re.escape(OBJECTS)}/([^>/]+)>")
 _AGAIN_S, _WAIT_S = 0.5, 2.0
 
 Change = Callable[[SceneObject], SceneObject | None]
@@ -108,9 +107,9 @@ class Holding:
 
     def _grasped(self, robot: Robot, segment: str, gripper: Gripper, invocation: Invocation) -> None:
         """Take the object that a grasp has named into the gripper, unless something later has been decided about it."""
-        named = _NAMED.search(invocation.body)
-        thing = None if named is None else self._objects.known.get(named[1])
-        if named is None or thing is None or named[1] in self._due:
+        id = _named(invocation)
+        thing = self._objects.known.get(id)
+        if thing is None or thing.kind == "zone" or id in self._due:
             return
         if thing.decided_ns >= invocation.created_ns:
             return  # something later has been decided about it
@@ -121,10 +120,10 @@ class Holding:
             _log.warning("%s does not hold %s, which is not known to be in its hand", robot.name, thing.title)
             return
         held = replace(held, since_ns=invocation.ended_ns or time.time_ns())
-        for id, each in self._held_by(robot, segment).items():
-            if id != named[1]:
-                self._let_go(id, each, invocation.created_ns)
-        self._change(named[1], _into(held, invocation.created_ns))
+        for other, each in self._held_by(robot, segment).items():
+            if other != id:
+                self._let_go(other, each, invocation.created_ns)
+        self._change(id, _into(held, invocation.created_ns))
 
     def _let_go(self, id: str, thing: SceneObject, decided_ns: int) -> None:
         """Leave an object where it is now, unless it has been taken after that was decided."""
@@ -155,6 +154,13 @@ class Holding:
                 _log.error("what holds an object could not be written: %s", error.detail)
                 del self._due[id]
         self._settled.set()
+
+
+def _named(invocation: Invocation) -> str:
+    """Return the id of the object that a grasp has named, empty for none."""
+    said = parse(invocation.body, format=RdfFormat.N_TRIPLES)
+    things = (each.object for each in said if each.predicate == LF.object)
+    return "".join(each.value.rpartition(f"{OBJECTS}/")[2] for each in things if isinstance(each, NamedNode))
 
 
 def _into(held: Held, decided_ns: int) -> Change:

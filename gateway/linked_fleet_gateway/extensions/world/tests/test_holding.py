@@ -33,6 +33,7 @@ URDF = """<robot name="r"><link name="base"/><link name="palm"/><link name="fing
     <limit lower="0" upper="0.08" velocity="0.1" effort="70"/></joint></robot>"""
 CUP = SceneObject(title="cup", kind="obstacle", pose=Pose((0.2, 0.0, 0.0), UPRIGHT), geometry=Sphere(0.05))
 NAMES_CUP = "_:input <https://w3id.org/linked-fleet#object> <http://h/world/objects/cup> ."
+CUP_IRI = '<http://h/world/objects/cup>" .'
 
 
 @dataclass
@@ -123,6 +124,12 @@ def steps(*each: Step) -> tuple[Step, ...]:
 CASES: Mapping[str, tuple[tuple[Step, ...], bool]] = {
     "a grasp that holds something": (steps(lambda c: c.grasp(10)), True),
     "a grasp that holds nothing": (steps(lambda c: c.grasp(10, holds=False)), False),
+    "a grasp with a text that looks as if it named something": (
+        steps(
+            lambda c: c.grasp(10, body='_:input <http://h/label> "<https://w3id.org/linked-fleet#object> ' + CUP_IRI)
+        ),
+        False,
+    ),
     "a grasp of what is far away": (steps(lambda c: c.grasp(10, body=NAMES_CUP.replace("cup", "far"))), False),
     "a grasp that has failed": (steps(lambda c: c.grasp(10, state=InvocationState.FAILED)), False),
     "a grasp that names nothing": (steps(lambda c: c.grasp(10, body="")), False),
