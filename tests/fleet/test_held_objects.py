@@ -70,6 +70,11 @@ class Hand:
         assert answer.status_code == 201, answer.text
         return answer.headers["location"]
 
+    def patch(self, url: str, update: str) -> None:
+        headers = {"content-type": "application/sparql-update"}
+        answer = self.browser.http.patch(url, content=f"PREFIX lf: <{TERMS}> {update}", headers=headers)
+        assert answer.status_code == 204, answer.text
+
     def thing(self, url: str) -> dict[str, str]:
         """Return what holds an object, if anything, and the frame of its position."""
         page = self.browser.page(url)
@@ -200,11 +205,21 @@ def test_somebody_may_say_that_a_link_holds_something(hand: Hand) -> None:
     assert hand.pose(bar, link) == pytest.approx({"x": 0.0, "y": 0.2, "z": 0.0}, abs=1e-4)
     hand.done("actions/moveJoints", hand.targets(BESIDE))
     there = hand.pose(bar)
-    query = f"PREFIX lf: <{TERMS}> DELETE {{ ?bar lf:heldBy ?link }} WHERE {{ ?bar lf:heldBy ?link }}"
-    answer = hand.browser.http.patch(bar, content=query, headers={"content-type": "application/sparql-update"})
-    assert answer.status_code == 204, answer.text
+    hand.patch(bar, "DELETE { ?bar lf:heldBy ?link } WHERE { ?bar lf:heldBy ?link }")
     assert "heldBy" not in hand.thing(bar)
     assert hand.pose(bar) == pytest.approx(there, abs=1e-3)
+
+
+def test_an_object_that_stands_somewhere_is_mounted_and_placed_by_a_frame(hand: Hand) -> None:
+    """A link takes it where it stands; a place beside a link is one in the world."""
+    link = f"{hand.root}panda_link7"
+    bar = hand.add("bar", metres(x=0.02, y=0.02, z=0.2), position=metres(x=0.5, y=0.4, z=0.3))
+    hand.patch(bar, f"INSERT {{ <> lf:heldBy <{link}> }} WHERE {{}}")
+    assert hand.thing(bar) == {"heldBy": link, "inFrame": link}
+    assert hand.pose(bar) == pytest.approx({"x": 0.5, "y": 0.4, "z": 0.3}, abs=1e-4)
+    cup = hand.add("cup", metres(x=0.1, y=0.1, z=0.1), position=metres(x=0, y=0.3, z=0), inFrame=link)
+    assert hand.thing(cup) == {"inFrame": f"{hand.browser.root}world"}
+    assert hand.pose(cup, link) == pytest.approx({"x": 0.0, "y": 0.3, "z": 0.0}, abs=1e-4)
 
 
 def test_without_its_placement_the_place_of_what_a_robot_holds_is_unknown(hand: Hand) -> None:

@@ -53,13 +53,13 @@ class Holding:
 
     async def __aenter__(self) -> Self:
         self._live.add_invocation_listener(self.hear_invocation)
-        self._live.add_listener(self.hear_robot)
+        self._live.add_value_listener(self.hear_robot)
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._live.remove_listener(self.hear_robot)
+        self._live.remove_value_listener(self.hear_robot)
         self._live.remove_invocation_listener(self.hear_invocation)
         await cancel_tasks(self._tasks)
 
@@ -88,9 +88,9 @@ class Holding:
         elif action == "grasp" and invocation.state is InvocationState.SUCCEEDED:
             self._grasped(robot, segment, gripper, invocation)
 
-    def hear_robot(self, name: str | None) -> None:
+    def hear_robot(self, name: str) -> None:
         """Let go of what a gripper says it does not hold any more."""
-        robot = None if name is None else self._live.fleet.robots.get(name)
+        robot = self._live.fleet.robots.get(name)
         if robot is None or not (held := held_by(robot, self._objects.known)):
             return
         known = grippers(robot)
