@@ -61,7 +61,8 @@ class Rehearsal:
 
     ``findings``: whether each guard found the path free, by its predicate. ``unchecked``: the links that the guards
     did not cover, each after its path. ``facts`` are further values, by name (SI). ``limited`` says why the guards
-    reduce its speed. ``path`` is the one that was planned, and ``detour`` why it is not the direct one.
+    reduce its speed. ``path`` is the one that was planned, and ``detour`` why it is not the direct one. ``things`` are
+    what the findings depend on, each a predicate and a path.
     """
 
     duration_s: float
@@ -72,6 +73,7 @@ class Rehearsal:
     limited: str = ""
     path: Follow | None = None
     detour: str = ""
+    things: tuple[tuple[NamedNode, str], ...] = ()
 
 
 class Actions:
@@ -266,7 +268,8 @@ class Actions:
         free = {predicate: finding.free for predicate, finding in findings.items()}
         links, facts, path = unchecked(findings), dict(motion.facts), motion.motion if motion.detour else None
         assert not isinstance(path, Move | Act)  # a planned path has waypoints
-        return Rehearsal(reply.duration_s, reply.preempts, free, links, facts, why, path, motion.detour)
+        things = tuple(each for finding in findings.values() for each in finding.things)
+        return Rehearsal(reply.duration_s, reply.preempts, free, links, facts, why, path, motion.detour, things)
 
     async def _send(self, invocation: Invocation, command: Command | Operate) -> Reply:
         try:

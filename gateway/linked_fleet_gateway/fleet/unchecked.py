@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from msgspec import Struct
+from pyoxigraph import NamedNode
 
 _MOST_NAMED = 3
 
@@ -23,6 +24,7 @@ class Finding(Struct, frozen=True):
 
     ``unchecked`` are the links that the check did not cover, each after its path. The path is free for a drive at a
     ``speed_share`` of its speed, for the reason ``limited``, if that begins before ``until_ns`` of the robot's clock.
+    ``things`` are what it depends on, each a predicate and a path, which rehearsals state.
     """
 
     free: bool
@@ -30,6 +32,7 @@ class Finding(Struct, frozen=True):
     speed_share: float = 1.0
     limited: str = ""
     until_ns: int = 0
+    things: tuple[tuple[NamedNode, str], ...] = ()
 
 
 def in_words(links: Iterable[UncheckedLink]) -> str:

@@ -390,6 +390,10 @@ class Extension:
     placements: ClassVar[tuple[Callable[[Robot], Pose | None], ...]] = ()
     """Functions from a robot to the pose of its own frame in a common one, None if unknown. Poses of other things:
     ``FleetBranch.poses``."""
+    component_things: ClassVar[Mapping[tuple[str, str], Mapping[str, tuple[str, str]]]] = {}
+    """Members that name things, added to the inputs of actions of components that move something: by kind (IRI) and
+    action the predicate (IRI) and the description of each member. Guards see them, robots do not.
+    """
     link_statements: ClassVar[tuple[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]], ...]] = ()
     """Further statements about links: functions of robot and link, which return predicates and paths."""
     functions: ClassVar[tuple[type[FleetFunctions], ...]] = ()

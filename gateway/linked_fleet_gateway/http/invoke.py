@@ -308,6 +308,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, 
             rehearsed.limited,
             rehearsed.path,
             rehearsed.detour,
+            rehearsed.things,
         )
 
     def plain() -> bytes:

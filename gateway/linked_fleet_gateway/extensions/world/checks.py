@@ -4,18 +4,20 @@ A robot without a placement is not checked. A motion is refused unless its path 
 """
 
 import asyncio
-from collections.abc import Collection, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
 from msgspec.structs import replace
+from pyoxigraph import NamedNode
 
 from linked_fleet_agent import planar
 from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
+from linked_fleet_gateway.extensions.world.descriptions import object_path
 from linked_fleet_gateway.extensions.world.driving import (
     Driving,
     on_floor,
@@ -23,6 +25,7 @@ from linked_fleet_gateway.extensions.world.driving import (
 )
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
+from linked_fleet_gateway.extensions.world.held import extent_m, held_by
 from linked_fleet_gateway.extensions.world.jogging import Jogs
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
@@ -42,6 +45,7 @@ from linked_fleet_gateway.extensions.world.process import Checker, Preparation, 
 from linked_fleet_gateway.extensions.world.questions import Questions
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.extensions.world.touch import thing_to_grasp, things_to_touch
 from linked_fleet_gateway.faces import ALL, View, unchecked_links
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath, placed
 from linked_fleet_gateway.fleet.jogging import JointDrive
@@ -74,7 +78,8 @@ class Checks:
     """Implements ``MotionGuard``; an async context manager. It starts no process before a robot is placed.
 
     Meshes are cached in ``folder``; ``collisions`` keeps the refused motions. After ``idle_s`` seconds without a
-    motion or a new robot the process ends, and the next motion waits until it has been started again.
+    motion or a new robot the process ends, and the next motion waits until it has been started again. ``settled`` waits
+    until it is known what robots hold.
     """
 
     finding_predicate = LF.collisionFree
@@ -88,8 +93,10 @@ class Checks:
         collisions: Collisions | None = None,
         idle_s: float = Worker.IDLE_S,
         maps: Maps = NO_MAPS,
+        settled: Callable[[], Awaitable[None]] | None = None,
     ) -> None:
         self._live, self._objects, self._maps = live, objects, maps
+        self._settled = settled
         self._checker = Checker(folder, idle_s)
         self._preparation = Preparation(live, meshes, self._checker)
         self._nearby = Surroundings(live, self._preparation, objects, maps)
@@ -121,6 +128,8 @@ class Checks:
 
     async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
         """Wait for the shapes of the robot and of everything around it. Raises Unchecked, Busy."""
+        if self._settled is not None:
+            await self._settled()
         if not has_placement(robot):
             return
         if self._early >= MOST_EARLY:
@@ -138,8 +147,9 @@ class Checks:
         The finding is not free if the robot has no placement. Raises Collides, UncheckedLinks; Unchecked, also if too
         many wait.
         """
+        things = self._things(motion, visible_robots)
         if not has_placement(motion.robot) or _way_is_unknown(motion):
-            return Finding(False)
+            return Finding(False, things=things)
         if self._waiting >= MOST_WAITING:
             raise Unchecked(f"{MOST_WAITING} motions are being checked; try again.")
         self._waiting += 1
@@ -149,11 +159,18 @@ class Checks:
                 if (why := await self._nearby.prepare(self._nearby.around(motion.robot, visible_robots))) is not None:
                     raise Unchecked(why)
                 async with asyncio.timeout(_TIMEOUT_S):
-                    return await self._check(motion, visible_robots, own_id)
+                    return replace(await self._check(motion, visible_robots, own_id), things=things)
         except TimeoutError as error:
             raise Unchecked("The check of the motion took too long; try again.") from error
         finally:
             self._waiting -= 1
+
+    def _things(self, motion: Motion, sees: View) -> tuple[tuple[NamedNode, str], ...]:
+        """Return the objects that a motion names. Raises UnprocessableContent, Conflict."""
+        touched = things_to_touch(motion, self._objects, sees)
+        grasped = thing_to_grasp(motion, self._objects, sees) if isinstance(motion.motion, Act) else ""
+        named = [*((LF.mayTouch, id) for id in touched), *([(LF.object, grasped)] if grasped else [])]
+        return tuple((predicate, object_path(id)) for predicate, id in named)
 
     async def _check(self, motion: Motion, sees: View, own: str) -> Finding:
         # Nothing is awaited between the next two steps, so that no robot that has come meanwhile is left out.
@@ -181,7 +198,8 @@ class Checks:
     def surroundings(self) -> object:
         """What differs once an object, a zone or the map has changed."""
         floor = self._maps.get(MAP_ID)
-        return {id: (key_of(each), each.pose) for id, each in self._objects.items()}, floor and floor.obstacles_key
+        known = {id: (key_of(each), each.held or each.pose) for id, each in self._objects.items()}
+        return known, floor and floor.obstacles_key
 
     def path_of(self, robot: Robot) -> FollowedPath | None:
         """Return the path that the base of a robot with a placement follows."""
@@ -194,7 +212,9 @@ class Checks:
             if is_placed(robot) and robot.model is not None:
                 at, end = on_floor(pose_in_world(robot, robot.model.root)), self._driving.end(robot)
                 way = None if at is None else (at, at if end is None else placed(end, at))
-                found[robot.name] = Neighbour(way, self._preparation.reach_m(robot))
+                held = held_by(robot, self._objects).values()
+                held_m = max((extent_m(each.held, each.geometry) for each in held if each.held), default=0.0)
+                found[robot.name] = Neighbour(way, self._preparation.reach_m(robot) + held_m)
         return found
 
     async def survey(self, robot: Robot, sees: View) -> Surveyed:

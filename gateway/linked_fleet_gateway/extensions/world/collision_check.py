@@ -22,6 +22,7 @@ import numpy.typing as npt
 from msgspec.structs import replace
 
 from linked_fleet_gateway.extensions.world.coverage import Coverage
+from linked_fleet_gateway.extensions.world.held_bodies import Permission, with_held
 from linked_fleet_gateway.extensions.world.map_obstacles import MapObstacles
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
@@ -29,7 +30,6 @@ from linked_fleet_gateway.extensions.world.messages import (
     CheckFailed,
     CollisionFound,
     Free,
-    Kind,
     Positions,
 )
 from linked_fleet_gateway.extensions.world.path import (
@@ -104,6 +104,7 @@ def check(
             raise UnknownPosition("something of it has to be prepared again")
         if asked.driven is not None:
             asked = replace(asked, paths=(*asked.paths, *driven_paths(asked.driven)))
+        asked, robots = with_held(asked, robots, objects)
         robot = robots[asked.robot.key]
         robot = robot.reaching(configurations(robot, asked.paths))
         coverage = Coverage(asked, robot, robots, maps)
@@ -129,6 +130,7 @@ class _Sweep:
     def __init__(self, asked: Check, robot: Robot, things: list[StaticBody], ends_s: float) -> None:
         self._ways, self._robot, self._things, self._ends_s = asked.paths, robot, things, ends_s
         self._base = se3(asked.robot.base)
+        self._permission = Permission.of(asked, robot)
         start = asked.paths[0].start
         self._mover = MovingRobot(robot, start)
         gone = self._furthest(start)
@@ -186,6 +188,8 @@ class _Sweep:
         for i in np.nonzero(driven)[0].tolist():
             gaps = np.linalg.norm(there - centres[i], axis=1) - radii - self._radii[i]
             for k in np.nonzero(gaps <= MARGIN_M + self._gone @ self._reach[:, i])[0].tolist():
+                if self._permission.allows(i, self._things[k]):
+                    continue
                 yield _Pair(i, k, self._things[k], MARGIN_M), self._reach[:, i], float(gaps[k])
 
     def _near_own(self, centres: Array) -> Iterator[tuple[_Pair, Array, float]]:
@@ -223,8 +227,7 @@ class _Sweep:
             met = self._along(path)
             if met is not None:
                 pair, at = met
-                link, kind, name, other = self._told(pair)
-                return CollisionFound(link, kind, name, other, round(at / path.steps, 3), self._point(pair))
+                return self._told(pair, round(at / path.steps, 3))
         return Free(self._looks)
 
     def _along(self, path: Path) -> tuple[_Pair, int] | None:
@@ -321,8 +324,10 @@ class _Sweep:
         x, y, z = (round(float(each), 4) for each in self._base.act(found))
         return x, y, z
 
-    def _told(self, pair: _Pair) -> tuple[str, Kind, str, str]:
-        bodies = self._robot.bodies
-        if pair.thing is None:
-            return bodies[pair.body].link, "self", "", bodies[pair.other].link
-        return bodies[pair.body].link, pair.thing.kind, pair.thing.name, pair.thing.link
+    def _told(self, pair: _Pair, share: float) -> CollisionFound:
+        bodies, point, thing = self._robot.bodies, self._point(pair), pair.thing
+        mine = bodies[pair.body]
+        if thing is None:
+            other = bodies[pair.other]
+            return CollisionFound(mine.link, "self", "", other.link, share, point, mine.held, other.held)
+        return CollisionFound(mine.link, thing.kind, thing.name, thing.link, share, point, mine.held, thing.held)

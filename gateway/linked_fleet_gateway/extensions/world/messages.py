@@ -60,12 +60,25 @@ class PrepareMap(Struct, frozen=True, tag="map"):
     height_m: float
 
 
+class HeldObject(Struct, frozen=True):
+    """A prepared object that a robot holds: its ``name`` in answers, and its ``pose`` in the frame of the ``link``.
+
+    It may touch the links of the ``hand``.
+    """
+
+    name: str
+    key: str
+    link: str
+    pose: Pose
+    hand: tuple[str, ...]
+
+
 class Placement(Struct, frozen=True):
     """The placement of a prepared robot or object: its ``name`` in answers, and ``base``, its root pose in the world.
 
     ``configurations`` are all joint positions in which it may be met: the first is complete, others contain only what
     differs. ``way`` are the poses on its way from where its base is now, in the frame of that. With
-    ``accepts_unchecked`` the links that the check does not cover are ignored.
+    ``accepts_unchecked`` the links that the check does not cover are ignored. A robot ``holds`` objects.
     """
 
     name: str
@@ -74,6 +87,7 @@ class Placement(Struct, frozen=True):
     configurations: tuple[Positions, ...] = ()
     accepts_unchecked: bool = False
     way: tuple[planar.Pose, ...] = ()
+    holds: tuple[HeldObject, ...] = ()
 
 
 class PathSegment(Struct, frozen=True):
@@ -112,7 +126,7 @@ class Check(Struct, frozen=True, tag="check"):
     It is now at the start of the first path.
 
     The answer takes at most ``within_s`` seconds of processor time. ``map`` is the key of the map of the floor, empty
-    without one.
+    without one. The links of the ``hand``, and what the robot holds, may touch the objects ``may_touch``.
     """
 
     robot: Placement
@@ -122,6 +136,8 @@ class Check(Struct, frozen=True, tag="check"):
     within_s: float
     map: str = ""
     driven: DrivenWay | None = None
+    may_touch: tuple[str, ...] = ()
+    hand: tuple[str, ...] = ()
 
 
 class Survey(Struct, frozen=True, tag="survey"):
@@ -194,7 +210,8 @@ class CollisionFound(Struct, frozen=True, tag="meets"):
     """A collision: ``link`` meets something after ``share`` of the path.
 
     That is link ``other`` of robot ``name``, object ``name``, or the map, whose name is empty.
-    ``point`` is the place in the world, None if unknown.
+    ``point`` is the place in the world, None if unknown. If it is an object that meets something or is met, the link
+    is the one that holds it, and ``held`` or ``other_held`` is the object.
     """
 
     link: str
@@ -203,6 +220,8 @@ class CollisionFound(Struct, frozen=True, tag="meets"):
     other: str
     share: float
     point: Vector | None = None
+    held: str = ""
+    other_held: str = ""
 
 
 class CheckFailed(Struct, frozen=True, tag="unable"):

@@ -16,10 +16,13 @@ from linked_fleet_gateway.extensions.world.collisions import Unchecked
 from linked_fleet_gateway.extensions.world.driving import Driving, odometry_of, velocity_of
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import Maps
+from linked_fleet_gateway.extensions.world.hands import hand_around, hands_of
+from linked_fleet_gateway.extensions.world.held import held_by, path_of
 from linked_fleet_gateway.extensions.world.jogging import Jogs
 from linked_fleet_gateway.extensions.world.messages import (
     Check,
     DrivenWay,
+    HeldObject,
     MotionPath,
     PathSegment,
     Placement,
@@ -31,6 +34,7 @@ from linked_fleet_gateway.extensions.world.placement import accepts_unchecked, p
 from linked_fleet_gateway.extensions.world.plane import AT_REST, legs_of
 from linked_fleet_gateway.extensions.world.process import Preparation, key_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.extensions.world.touch import things_to_touch
 from linked_fleet_gateway.faces import View
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
 from linked_fleet_gateway.fleet.jogging import JointDrive
@@ -119,7 +123,9 @@ class Questions:
                 f"It is unknown if {robot.name} would collide, because the place of {missing[0]} is unknown."
             )
         paths = paths_of(moved, start, self._underway(robot, own))
-        return self._checking(robot, (*paths, *self._on_its_path(robot, moved, start, own)), robots, sees)
+        asked = self._checking(robot, (*paths, *self._on_its_path(robot, moved, start, own)), robots, sees)
+        named = things_to_touch(motion, self._objects, sees)
+        return replace(asked, may_touch=named, hand=tuple(sorted(hands_of(robot)))) if named else asked
 
     def _on_its_path(self, robot: Robot, motion: Move | Follow, start: Positions, own: str) -> Iterator[MotionPath]:
         """Yield the rest of the path that the base follows, with its other joints before, in and after a motion."""
@@ -179,10 +185,10 @@ class Questions:
         as_they_are: bool = False,
     ) -> Check:
         return Check(
-            _asked(robot, self._preparation.key(robot), base_of(robot, sees)),
+            _asked(robot, self._preparation.key(robot), base_of(robot, sees), self._held(robot, sees)),
             paths,
             tuple(self._stood(each, sees, as_they_are) for each in robots if each is not robot),
-            tuple(Placement(id, key_of(thing), thing.pose) for id, thing in self._objects.items()),
+            tuple(Placement(id, key_of(each), each.pose) for id, each in self._objects.items() if each.held is None),
             WITHIN_S,
             "" if (floor := self._maps.get(MAP_ID)) is None else floor.obstacles_key,
         )
@@ -193,7 +199,12 @@ class Questions:
         configurations = (*straight, *self._driving.along(robot), *self._jogs.along(robot))
         way = () if as_it_is else self._driving.way(robot)
         accepted = accepts_unchecked(robot)
-        return Placement(name, self._preparation.key_beside(robot), base_of(robot, sees), configurations, accepted, way)
+        key, base, held = self._preparation.key_beside(robot), base_of(robot, sees), self._held(robot, sees)
+        return Placement(name, key, base, configurations, accepted, way, held)
+
+    def _held(self, robot: Robot, sees: View) -> tuple[HeldObject, ...]:
+        """Return what a robot holds. Raises Unchecked if a link that holds something is not known any more."""
+        return tuple(_as_held(id, each, robot, sees) for id, each in held_by(robot, self._objects).items())
 
     def _underway(self, robot: Robot, own: str) -> dict[str, float]:
         """Return the targets of the robot's joints in other motions that have not ended."""
@@ -210,8 +221,17 @@ def _positions(robot: Robot) -> Positions:
     return known | AT_REST if robot.floats else known
 
 
-def _asked(robot: Robot, key: str, base: Pose) -> Placement:
-    return Placement(robot.name, key, base, accepts_unchecked=accepts_unchecked(robot))
+def _asked(robot: Robot, key: str, base: Pose, held: tuple[HeldObject, ...]) -> Placement:
+    return Placement(robot.name, key, base, accepts_unchecked=accepts_unchecked(robot), holds=held)
+
+
+def _as_held(id: str, thing: SceneObject, robot: Robot, sees: View) -> HeldObject:
+    assert thing.held is not None
+    if not path_of(thing.held, {robot.name: robot}):
+        name = robot.name if sees.includes(robot.name) else "another robot"
+        raise Unchecked(f"The link of {name} that holds {thing.title} is not known any more: PUT {thing.title} anew.")
+    hand = hand_around(robot, thing.held.link)
+    return HeldObject(id, key_of(thing), thing.held.link, thing.held.pose, tuple(sorted(hand)))
 
 
 def base_of(robot: Robot, sees: View) -> Pose:

@@ -99,7 +99,10 @@ MARGIN_M = 0.01
 
 @dataclass(frozen=True)
 class StaticBody:
-    """A static body in the root frame of the moving robot. The surface of an object has no hull."""
+    """A static body in the root frame of the moving robot. The surface of an object has no hull.
+
+    A body that another robot holds is the object ``held``.
+    """
 
     kind: Kind
     name: str
@@ -107,6 +110,7 @@ class StaticBody:
     shape: Shape
     centre: Array
     radius: float
+    held: str = ""
 
 
 class MovingRobot:
@@ -219,7 +223,7 @@ def other_robot_bodies(asked: Check, robots: Mapping[str, Robot], reach_m: float
                 place = (i, np.round(at.homogeneous, 6).tobytes())
                 if float(np.linalg.norm(centre)) <= near + body.radius and place not in seen:
                     seen.add(place)
-                    yield StaticBody("robot", each.name, body.link, _shape(body, at), centre, body.radius)
+                    yield StaticBody("robot", each.name, body.link, _shape(body, at), centre, body.radius, body.held)
         if each.way:
             stood.set_positions(each.configurations[0])
             yield from _on_its_way(each, stood, base, near)
