@@ -1,6 +1,7 @@
 """Two simulated arms that share space pass each other when their times allow, and stop when these are not kept."""
 
 import math
+import re
 import time
 from collections.abc import Iterator
 from typing import Any
@@ -115,3 +116,26 @@ def test_the_later_arm_stops_if_the_other_one_does_not_keep_its_times(cell: Cell
     page = cell.end_of(second)
     assert page.one(LF.state) == LF.cancelled
     assert OFF_TIME in str(page.one(LF.reason)), page.graph.serialize()
+
+
+def test_a_planned_motion_waits_until_the_other_arm_has_passed(cell: Cell) -> None:
+    first = cell.begin("ur5", -100, speedScale=0.5)
+    time.sleep(0.5)
+    direct = cell.post("panda", -100)
+    assert direct.json().get("retryWith") == [{"path": f"{TERMS}Planned"}], direct.text
+    assert "With lf:path lf:Planned the motion waits for that." in direct.json()["detail"]
+    second = cell.begin("panda", -100, path=f"{TERMS}Planned")
+    page = cell.browser.page(second)
+    assert re.search(r"another robot after .* it waits \d\.\d s for another robot", str(page.one(LF.plannedBecause)))
+    for each in (first, second):
+        assert cell.end_of(each).one(LF.state) == LF.succeeded
+
+
+def test_a_motion_that_waits_ends_if_the_other_arm_stops(cell: Cell) -> None:
+    first = cell.begin("ur5", -100, speedScale=0.5)
+    time.sleep(0.5)
+    second = cell.begin("panda", -100, path=f"{TERMS}Planned")
+    time.sleep(1.5)
+    assert cell.browser.http.delete(first).status_code == 204
+    page = cell.end_of(second)
+    assert page.one(LF.state) == LF.cancelled and OFF_TIME in str(page.one(LF.reason)), page.graph.serialize()

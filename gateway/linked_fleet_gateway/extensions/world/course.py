@@ -97,12 +97,17 @@ class Course:
         near = min(apart) + CONFIGURATION_STEP
         return next(time_s for time_s, each in zip(times_s, apart, strict=True) if each <= near)
 
-    def delayed(self, wait_s: float) -> tuple[PathSegment, ...]:
-        """Return the legs after a wait at the start."""
-        return (PathSegment(self.start, timing=evenly(wait_s)), *self.legs)
+    def after(self, wait_s: float) -> Follow:
+        """Return the motion as a trajectory whose joints stay for a while first."""
+        joints, step_s = tuple(self.end), max(_WAYPOINT_S, self.duration_s / _MOST_WAYPOINTS)
+        count = max(1, math.ceil(self.duration_s / step_s))
+        times_s = [number / count * self.duration_s for number in range(count + 1)]
+        rows = tuple(tuple(self.at(time_s)[name] for name in joints) for time_s in times_s)
+        return Follow(joints, tuple(wait_s + time_s for time_s in times_s), rows)
 
 
 _LEAST_S = 0.001
+_WAYPOINT_S, _MOST_WAYPOINTS = 0.03, 300
 
 
 def _apart(one: Positions, other: Mapping[str, float]) -> float:

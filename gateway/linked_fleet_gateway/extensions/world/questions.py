@@ -97,8 +97,8 @@ def _slope(step: float, slope: float, next_step: float, next_slope: float) -> fl
 
 WITHIN_S = 1.0
 """Processor time for the check of one motion, in seconds."""
-_STILL = 0.02
-"""A joint that is slower (rad/s, m/s) is at rest."""
+_STILL = 0.1
+"""A motion of a joint that is slower (rad/s, m/s) begins from rest: what settles or still brakes soon stands."""
 
 
 class Questions:
