@@ -29,7 +29,7 @@ from linked_fleet_gateway.extensions.world.course import course_of
 from linked_fleet_gateway.extensions.world.motion_watch import OFF_TIME, MotionWatch
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, encode_placement
 from linked_fleet_gateway.extensions.world.questions import legs_through, paths_of
-from linked_fleet_gateway.extensions.world.schedules import BEHIND_S, EARLY_S, FRESH_S, LATE_S, START_S
+from linked_fleet_gateway.extensions.world.schedules import BEHIND_S, EARLY_S, FRESH_S, LATE_S, START_S, Run
 from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Vanished
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.fleet.jogging import JointDrive
@@ -138,6 +138,12 @@ class Cell:
         run.duration_s, run.started_ns, run.state = arm.planned.duration_s, self.now_ns, InvocationState.RUNNING
         return found
 
+    def grip(self, name: str) -> None:
+        """Begin another motion of an arm, by an action of a component."""
+        run = Invocation(f"{name}-grip", name, f"/{name}/gripper/actions/grasp", {}, self.now_ns, 2**62, incarnation=1)
+        run.moves = ("finger",)
+        self.live.invocations.add(run)
+
     def end(self, id: str, state: InvocationState) -> None:
         run = self.live.invocations.get(id)
         assert run is not None
@@ -203,6 +209,33 @@ async def test_an_arm_passes_before_the_other_comes(tmp_path: Path) -> None:
     async with cell_in(tmp_path, 60, 150) as cell:
         assert (await _passing_before(cell)).free
         assert len(cell.checks.pairs) == 1
+
+
+async def test_an_arm_that_would_pass_shortly_before_the_other_comes_is_refused(tmp_path: Path) -> None:
+    async with cell_in(tmp_path, 60, 150) as cell:
+        await cell.go("right", -60, 0.8)
+        cell.wait_until(0.1)
+        with pytest.raises(Collides):  # the right one comes 0.7 s after the left one has left
+            await cell.go("left", -70)
+
+
+async def test_an_arm_with_another_motion_of_its_own_keeps_no_times(tmp_path: Path) -> None:
+    async with cell_in(tmp_path, 120, 60) as cell:
+        await cell.go("right", -60)
+        cell.grip("left")
+        cell.wait_until(1.3)
+        with pytest.raises(Collides):
+            await cell.go("left", -60, 0.5)
+
+
+async def test_the_rest_of_a_motion_is_judged_in_time(tmp_path: Path) -> None:
+    async with cell_in(tmp_path, 120, 60) as cell:
+        await _passing_after(cell)
+        cell.wait_until(1.6)
+        await cell.checks.check_rest(Run("left", "left-1.3"))
+        cell.now_s += 0.2
+        on_time = cell.checks.on_time(cell.arms["left"].robot)
+        assert on_time is not None and on_time.elapsed_s == pytest.approx(0.5)
 
 
 async def test_both_keep_their_times_until_one_has_arrived(tmp_path: Path) -> None:
@@ -358,12 +391,17 @@ async def _of_other_duration(cell: Cell) -> None:
     cell.live.invocations.get("right-0.0").duration_s = 4.0  # type: ignore[union-attr]
 
 
+async def _gripping(cell: Cell) -> None:
+    await cell.go("right", -60)
+    cell.grip("right")
+
+
 async def _not_begun(cell: Cell) -> None:
     await cell.go("right", -60)
     cell.live.invocations.get("right-0.0").started_ns = None  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize("begin", [_unknown_course, _jogged, _behind, _of_other_duration, _not_begun])
+@pytest.mark.parametrize("begin", [_unknown_course, _jogged, _behind, _of_other_duration, _gripping, _not_begun])
 async def test_a_motion_of_unknown_times_is_met_everywhere_on_its_way(
     tmp_path: Path, begin: Callable[[Cell], "asyncio.Future[None]"]
 ) -> None:

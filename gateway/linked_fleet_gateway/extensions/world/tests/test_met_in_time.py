@@ -94,3 +94,18 @@ def test_a_robot_stands_at_its_end_for_ever_and_at_its_start_until_it_moves() ->
     way = MotionPath({"turn": -math.pi / 2}, (stays, HALF_TURN_IN_10_S))
     answer = check(Check(Placement("me", "rod", HERE), (way,), (other,), (), 30.0, in_time=True), ROBOTS, {})
     assert isinstance(answer, CollisionFound) and answer.share < 0.01, "what comes while it stands must not touch it"
+
+
+@pytest.mark.parametrize(("starts", "ends"), [(-0.0612, -0.0596), (-0.0596, -0.0612)])
+def test_a_time_between_two_places_of_the_path_belongs_to_both(starts: float, ends: float) -> None:
+    """The rod is within the margin of the other one at one end of a single step."""
+    other = Placement("other", "rod", ACROSS, (AWAY, IN_THE_WAY), times_s=((-EVER, 0.1), (0.4, 0.6)))
+    way = MotionPath({"turn": starts}, (PathSegment({"turn": ends}, timing=evenly(1.0)),))
+    answer = check(Check(Placement("me", "rod", HERE), (way,), (other,), (), 30.0, in_time=True), ROBOTS, {})
+    assert isinstance(answer, CollisionFound)
+
+
+def test_a_place_to_which_the_other_robot_returns_is_met_at_both_times() -> None:
+    times_s = ((-EVER, 0.5), (0.5, 2.0), (4.0, EVER))
+    answer = go(HALF_TURN_IN_10_S, places=(IN_THE_WAY, AWAY, IN_THE_WAY), times_s=times_s)
+    assert isinstance(answer, CollisionFound)
