@@ -71,7 +71,8 @@ class InTime:
             if isinstance(answer, Free):
                 return Judged(answer, course, tuple(each.run for each in on_time.values()), until_ns)
             refused = Judged(answer)
-        return refused._replace(after_s=await self._free_after_s(asked, robots, on_time))
+        seen = {name: each for name, each in on_time.items() if sees.includes(name)}  # nobody learns when others arrive
+        return refused._replace(after_s=await self._free_after_s(asked, robots, seen))
 
     async def _free_after_s(self, asked: Check, robots: list[Robot], on_time: dict[str, OnTime]) -> float | None:
         """Return when the way will be free, if it is once those that keep their times have arrived."""

@@ -268,7 +268,8 @@ def _met_in_time(stood: Placement, on_time: OnTime | None) -> Placement:
     if on_time is None:
         return stood
     places, times_s = on_time.met()
-    return replace(stood, configurations=(stood.configurations[0], *places), times_s=times_s)
+    here, first = stood.configurations[0], times_s[0]
+    return replace(stood, configurations=(here, *places), times_s=(first, *times_s))
 
 
 def _arrived(stood: Placement, on_time: OnTime | None) -> Placement:

@@ -56,9 +56,13 @@ class OnTime(NamedTuple):
         return max(0.0, self.course.duration_s - self.elapsed_s)
 
     def met(self) -> tuple[tuple[Positions, ...], tuple[tuple[float, float], ...]]:
-        """Return the places on its way, and from when until when it may be met in each, in seconds from now."""
-        places = list(self.course.places(self.elapsed_s))
-        times_s = [0.0, *(after_s for after_s, _ in places)]
+        """Return the places on its way, and from when until when it may be met in each, in seconds from now.
+
+        The first one is where it was BEHIND_S ago: it may be there still.
+        """
+        from_s = max(0.0, self.elapsed_s - BEHIND_S)
+        places = [(0.0, self.course.at(from_s)), *self.course.places(from_s)]
+        times_s = [from_s + after_s - self.elapsed_s for after_s, _ in places]
         late_s = LATE_S + self.age_s
         froms = [-_ALWAYS, *(each - EARLY_S for each in times_s[:-1])]
         untils = [*(each + late_s for each in times_s[1:]), _ALWAYS]

@@ -8,6 +8,7 @@ import math
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 from typing import Self
 
@@ -36,7 +37,7 @@ from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding
-from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_gateway.identity.rights import ALL, View
 from virtual.zenoh_network import ZenohNetwork
 
 URDF = """<robot name="arm"><link name="foot"/>
@@ -121,7 +122,9 @@ class Cell:
         for name in self.arms:
             self.tell(name)
 
-    async def go(self, name: str, degrees: float, scale: float = 1.0, via: Follow | None = None) -> Finding:
+    async def go(
+        self, name: str, degrees: float, scale: float = 1.0, via: Follow | None = None, sees: View = ALL
+    ) -> Finding:
         """Check a motion as the gateway does, and begin it. Raises Collides."""
         arm, id, target = self.arms[name], f"{name}-{self.now_s}", math.radians(degrees)
         moved, stands = via or Move({"turn": target}), arm.at(self.now_s)
@@ -130,7 +133,7 @@ class Cell:
         self.live.invocations.add(run)
         await self.checks.wait_until_ready(arm.robot, ALL)
         try:
-            found = await self.checks.check_path(motion, ALL, id)
+            found = await self.checks.check_path(motion, sees, id)
         except Collides:
             self.end(id, InvocationState.FAILED)
             raise
@@ -236,6 +239,30 @@ async def test_the_rest_of_a_motion_is_judged_in_time(tmp_path: Path) -> None:
         cell.now_s += 0.2
         on_time = cell.checks.on_time(cell.arms["left"].robot)
         assert on_time is not None and on_time.elapsed_s == pytest.approx(0.5)
+
+
+async def test_an_arm_that_is_a_little_behind_is_met_from_where_it_is(tmp_path: Path) -> None:
+    async with cell_in(tmp_path, 120, 60) as cell:
+        await cell.go("right", -60)
+        arm = cell.arms["right"]
+        arm.behind_s = 0.45
+        cell.wait_until(1.3)
+        on_time = cell.checks.on_time(arm.robot)
+        assert on_time is not None
+        places, times_s = on_time.met()
+        turns = [each["turn"] for each in places]
+        assert turns[0] >= arm.at(1.3) and turns[-1] == math.radians(-60)
+        assert max(before - after for before, after in pairwise(turns)) < 0.15
+        assert all(until_s > later_s for (_, until_s), (later_s, _) in pairwise(times_s))
+
+
+async def test_nobody_learns_when_an_invisible_robot_arrives(tmp_path: Path) -> None:
+    async with cell_in(tmp_path, 60, 60) as cell:
+        await cell.go("right", -60)
+        cell.wait_until(1.0)
+        with pytest.raises(Collides) as refused:
+            await cell.go("left", -60, sees=View.of(frozenset({"left"}), "somebody"))
+        assert "Retry-After" not in refused.value.headers and "right" not in str(refused.value.detail)
 
 
 async def test_both_keep_their_times_until_one_has_arrived(tmp_path: Path) -> None:
