@@ -142,8 +142,9 @@ class Cell:
         return found
 
     def grip(self, name: str) -> None:
-        """Begin another motion of an arm, by an action of a component."""
-        run = Invocation(f"{name}-grip", name, f"/{name}/gripper/actions/grasp", {}, self.now_ns, 2**62, incarnation=1)
+        """Begin another motion of an arm, a moment ago, by an action of a component."""
+        began_ns = self.now_ns - 1_000_000_000
+        run = Invocation(f"{name}-grip", name, f"/{name}/gripper/actions/grasp", {}, began_ns, 2**62, incarnation=1)
         run.moves = ("finger",)
         self.live.invocations.add(run)
 
