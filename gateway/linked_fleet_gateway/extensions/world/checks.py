@@ -5,6 +5,7 @@ A robot without a placement is not checked. A motion is refused unless its path 
 
 import asyncio
 from collections.abc import Awaitable, Callable, Collection, Mapping
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
@@ -26,6 +27,7 @@ from linked_fleet_gateway.extensions.world.driving import (
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
 from linked_fleet_gateway.extensions.world.held import extent_m, held_by
+from linked_fleet_gateway.extensions.world.in_time import InTime, Pair
 from linked_fleet_gateway.extensions.world.jogging import Jogs
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
@@ -45,6 +47,7 @@ from linked_fleet_gateway.extensions.world.process import Checker, Preparation, 
 from linked_fleet_gateway.extensions.world.questions import Questions
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.extensions.world.schedules import OnTime, Run, Schedules
 from linked_fleet_gateway.extensions.world.touch import thing_to_grasp, things_to_touch
 from linked_fleet_gateway.faces import ALL, View, unchecked_links
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath, placed
@@ -104,7 +107,9 @@ class Checks:
         self._refusals = Refusals(live.fleet.robots, objects, maps)
         self._waiting = self._early = 0
         self._driving, self._jogs = Driving(), Jogs()
-        self._questions = Questions(live, self._preparation, self._driving, self._jogs, objects, maps)
+        self.schedules = Schedules(live.invocations.open_of_robot)
+        self._questions = self._create_questions(self._preparation)
+        self._in_time = InTime(self._questions, self.schedules, partial(self._checker.ask, timeout_s=_ANSWER_S))
 
     async def __aenter__(self) -> Self:
         self._preparation.open()
@@ -119,7 +124,11 @@ class Checks:
     def asked_elsewhere(self, preparation: Preparation) -> tuple[Surroundings, Questions]:
         """Return what is around robots, and the questions about their motions, for the process of ``preparation``."""
         nearby = Surroundings(self._live, preparation, self._objects, self._maps)
-        return nearby, Questions(self._live, preparation, self._driving, self._jogs, self._objects, self._maps)
+        return nearby, self._create_questions(preparation)
+
+    def _create_questions(self, preparation: Preparation) -> Questions:
+        known = self._driving, self._jogs, self._objects, self._maps, self.schedules
+        return Questions(self._live, preparation, *known)
 
     @property
     def prepared(self) -> bool:
@@ -179,8 +188,11 @@ class Checks:
             return await self._check_drive(motion.robot, act.drive, robots, sees, own)
         if own and isinstance(act, Act) and act.path is not None:
             return await self._check_path(motion.robot, act.path, robots, sees, own)
-        question = self._questions.about(motion, robots, sees, own)
-        return self._finding(motion.robot, await self._checker.ask(question, _ANSWER_S))
+        judged = await self._in_time.judge(motion, robots, sees, own)
+        finding = self._finding(motion.robot, judged.answer, judged.after_s)
+        if own:
+            self._in_time.begin(motion.robot, own, judged)
+        return replace(finding, until_ns=judged.until_ns)
 
     async def _check_path(self, robot: Robot, path: FollowedPath, robots: list[Robot], sees: View, own: str) -> Finding:
         """Check a path that others see already: of two that begin at once, at least one sees the other."""
@@ -248,6 +260,30 @@ class Checks:
         if isinstance(answer, CheckFailed):
             raise Unchecked(answer.reason)
 
+    # -- motions that rely on the times of others --------------------------------------------------------------------
+
+    @property
+    def pairs(self) -> dict[Pair, float]:
+        """The motions that rely on each other's times, with the monotonic time (s) at which they were found free."""
+        return self._in_time.pairs
+
+    def on_time(self, robot: Robot) -> OnTime | None:
+        """Return the motion of a robot that keeps its times."""
+        return self._questions.on_time([robot]).get(robot.name)
+
+    async def check_rest(self, run: Run) -> None:
+        """Check the rest of a motion that has begun, among others as they move now. Raises Collides, Unchecked."""
+        robot, course = self._live.fleet.robots.get(run.robot), self.schedules.course(run)
+        if robot is None or course is None:
+            raise Unchecked("The rest of the motion is unknown.")
+        with self._checker.in_use():
+            robots = self._nearby.prepared_around(robot, ALL)
+            answer = await self._checker.ask(self._questions.rest(robot, course, robots, ALL), _ANSWER_S)
+        if isinstance(answer, CollisionFound):
+            raise self.collision(robot, answer)
+        if isinstance(answer, CheckFailed):
+            raise Unchecked(answer.reason)
+
     async def _check_drive(
         self, robot: Robot, drive: Drive | JointDrive, robots: list[Robot], sees: View, own: str
     ) -> Finding:
@@ -281,10 +317,15 @@ class Checks:
         assert robot.model is not None  # of a prepared robot
         return self._refusals.collision(robot, robot.model, answer)
 
-    def _finding(self, robot: Robot, answer: Answer) -> Finding:
-        """Return what was found. Raises Collides, UncheckedLinks, Unchecked."""
+    def _finding(self, robot: Robot, answer: Answer, after_s: float | None = None) -> Finding:
+        """Return what was found, which will be free ``after_s`` if that is known.
+
+        Raises Collides, UncheckedLinks, Unchecked.
+        """
         if isinstance(answer, CollisionFound):
             collides = self.collision(robot, answer)
+            if after_s is not None:
+                collides.promise(after_s)
             self._collisions.add(robot.name, collides)
             raise collides
         if isinstance(answer, CheckFailed):

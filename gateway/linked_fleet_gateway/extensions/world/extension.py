@@ -39,6 +39,7 @@ from linked_fleet_gateway.extensions.world.descriptions import (
 from linked_fleet_gateway.extensions.world.held import StatedObject
 from linked_fleet_gateway.extensions.world.map_requests import put_map, read_image
 from linked_fleet_gateway.extensions.world.map_resources import MapImage, PutMap
+from linked_fleet_gateway.extensions.world.motion_watch import MotionWatch
 from linked_fleet_gateway.extensions.world.operations import operations
 from linked_fleet_gateway.extensions.world.path_watch import PathWatch
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD, placement, placement_of
@@ -178,6 +179,7 @@ class WorldExtension(Extension):
         async with (
             World(core.live, meshes, core.redis_url, core.namespace, folder) as world,
             PathWatch(world.checks, core.robots, core.live.invocations.open_of_robot, core.cancel),
+            MotionWatch(world.checks, core.robots, core.live.invocations.get, core.cancel),
         ):
             with core.listening_to_descriptions(world.mark_held_changed, world.mark_held_changed):
                 yield Mount(

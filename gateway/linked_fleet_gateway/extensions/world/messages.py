@@ -78,7 +78,8 @@ class Placement(Struct, frozen=True):
 
     ``configurations`` are all joint positions in which it may be met: the first is complete, others contain only what
     differs. ``way`` are the poses on its way from where its base is now, in the frame of that. With
-    ``accepts_unchecked`` the links that the check does not cover are ignored. A robot ``holds`` objects.
+    ``accepts_unchecked`` the links that the check does not cover are ignored. A robot ``holds`` objects. ``times_s``
+    says from when until when it may be met in each configuration, in seconds from now; empty means at any time.
     """
 
     name: str
@@ -88,18 +89,21 @@ class Placement(Struct, frozen=True):
     accepts_unchecked: bool = False
     way: tuple[planar.Pose, ...] = ()
     holds: tuple[HeldObject, ...] = ()
+    times_s: tuple[tuple[float, float], ...] = ()
 
 
 class PathSegment(Struct, frozen=True):
     """A segment in which joints move together to ``ends``: linearly, or as cubics with these velocities at both ends.
 
-    ``duration_s`` is the time of a segment with velocities.
+    ``duration_s`` is the time of a segment with velocities. ``timing`` are times from the start of a linear one and the
+    shares of it completed by then, from the start to the end, if they are known.
     """
 
     ends: Positions
     duration_s: float = 0.0
     start_velocities: Positions = {}
     end_velocities: Positions = {}
+    timing: tuple[tuple[float, float], ...] = ()
 
 
 class MotionPath(Struct, frozen=True):
@@ -126,7 +130,8 @@ class Check(Struct, frozen=True, tag="check"):
     It is now at the start of the first path.
 
     The answer takes at most ``within_s`` seconds of processor time. ``map`` is the key of the map of the floor, empty
-    without one. The links of the ``hand``, and what the robot holds, may touch the objects ``may_touch``.
+    without one. The links of the ``hand``, and what the robot holds, may touch the objects ``may_touch``. ``in_time``
+    says that it begins now and keeps the times of its paths, so that other robots are met only at theirs.
     """
 
     robot: Placement
@@ -138,6 +143,7 @@ class Check(Struct, frozen=True, tag="check"):
     driven: DrivenWay | None = None
     may_touch: tuple[str, ...] = ()
     hand: tuple[str, ...] = ()
+    in_time: bool = False
 
 
 class Survey(Struct, frozen=True, tag="survey"):
