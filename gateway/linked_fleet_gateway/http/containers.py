@@ -14,6 +14,7 @@ from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import check_acceptable, created_response, read_change
 from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.validation import find_root, ground_statements, reachable_statements
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.body_values import Body, managed_statements, validate_body
@@ -24,7 +25,7 @@ from linked_fleet_gateway.resources.resource import Resource
 async def add_member(request: Request, afforded: AddMember) -> Response:
     """Create a member. The response is 201 with Location and description."""
     container = afforded.container
-    check_acceptable(request)
+    check_acceptable(request, (JSON,))
     iri = request.base + container.path
     triples = await _read(request, container, iri)
     id = await container.records.add(await _record(request, container, triples, iri))

@@ -285,8 +285,11 @@ def created_response(request: Request, resource: Resource, accept: str | None = 
     return Response(representation.body, 201, headers)
 
 
-def check_acceptable(request: Request) -> None:
-    """Raise NotAcceptable, before anything is created, if the client could not read the description."""
-    offered = request.services.representations.media_types
+def check_acceptable(request: Request, further: Sequence[str] = ()) -> None:
+    """Raise NotAcceptable, before anything is created, if the client could not read the description.
+
+    ``further`` are the media types that it has besides those of all resources.
+    """
+    offered = (*request.services.representations.media_types, *further)
     if choose(field(request, "accept"), offered) is None:
         raise NotAcceptable(f"Available here: {', '.join(offered)}.", offered=offered)

@@ -209,3 +209,13 @@ def test_subscribers_of_a_station_hear_of_reservations_at_the_other_gateway(here
         lines = stream.iter_lines()
         assert here.reserve(here.one, path, 60).status_code == 204
         assert any("free> 0" in line or "free 0" in line for line in lines)
+
+
+def test_a_client_of_plain_json_gets_the_member_that_it_adds(here: Here) -> None:
+    root = here.one.browser.root
+    fields = {"accept": "application/json"}
+    answer = here.one.browser.http.post(root + "stations", json={"title": "Dock", "bays": 3}, headers=fields)
+    assert (answer.status_code, answer.headers["content-type"]) == (201, "application/json")
+    assert answer.json()["bays"] == 3
+    refused = here.one.browser.http.post(root + "stations", json={}, headers={"accept": "image/png"})
+    assert refused.status_code == 406
