@@ -113,6 +113,19 @@ def test_a_rehearsal_shows_the_path(panda: Arm) -> None:
     )
 
 
+def test_a_rehearsal_says_where_the_robot_comes_closest_to_what(panda: Arm) -> None:
+    direct = panda.post("moveJoints", panda.body({1: -1.2}), "dry-run").json()["closest"][0]
+    (crate_iri,) = contents(panda.browser)
+    assert crate_iri in direct["things"] and direct["clearance"]["value"] > 0.01, direct
+    assert direct["share"] == 0.0 and "atTime" not in direct, "it turns away from the crate"
+    planned = panda.post("moveJoints", panda.body(BESIDE, "Planned"), "dry-run").json()
+    (near,) = planned["closest"]
+    assert near["things"][1] == crate_iri and near["title"].endswith("crate (obstacle)"), near
+    assert 0.01 <= near["clearance"]["value"] < 0.2 and near["uncertainty"]["value"] <= 0.01
+    assert 0.0 < near["atTime"] < planned["duration"]["value"]
+    assert abs(near["position"]["x"] - 0.5) < 0.3 and abs(near["position"]["y"] - 0.35) < 0.3
+
+
 def test_a_planned_path_keeps_to_the_speed_that_was_asked_for(panda: Arm) -> None:
     whole, half = (
         panda.post("moveJoints", panda.body(BESIDE, "Planned") | {"speedScale": scale}, "dry-run").json()

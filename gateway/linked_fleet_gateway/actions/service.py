@@ -41,6 +41,7 @@ from linked_fleet_gateway.actions.refusals import (
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, MotionRefused, Unimplemented
+from linked_fleet_gateway.fleet.closest import Closest
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.identity.rights import ALL, View
@@ -61,7 +62,8 @@ class Rehearsal:
 
     ``findings``: whether each guard found the path free, by its predicate. ``unchecked``: the links that the guards
     did not cover, each after its path. ``facts`` are further values, by name (SI). ``limited`` says why the guards
-    reduce its speed. ``path`` is the one that was planned, and ``detour`` why it is not the direct one.
+    reduce its speed. ``path`` is the one that was planned, and ``detour`` why it is not the direct one. ``closest`` is
+    where guards found it closest to something.
     """
 
     duration_s: float
@@ -72,6 +74,7 @@ class Rehearsal:
     limited: str = ""
     path: Follow | None = None
     detour: str = ""
+    closest: tuple[Closest, ...] = ()
 
 
 class Actions:
@@ -266,7 +269,8 @@ class Actions:
         free = {predicate: finding.free for predicate, finding in findings.items()}
         links, facts, path = unchecked(findings), dict(motion.facts), motion.motion if motion.detour else None
         assert not isinstance(path, Move | Act)  # a planned path has waypoints
-        return Rehearsal(reply.duration_s, reply.preempts, free, links, facts, why, path, motion.detour)
+        near = tuple(each.closest for each in findings.values() if each.closest is not None)
+        return Rehearsal(reply.duration_s, reply.preempts, free, links, facts, why, path, motion.detour, near)
 
     async def _send(self, invocation: Invocation, command: Command | Operate) -> Reply:
         try:

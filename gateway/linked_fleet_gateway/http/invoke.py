@@ -307,6 +307,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, 
             rehearsed.limited,
             rehearsed.path,
             rehearsed.detour,
+            rehearsed.closest,
         )
 
     def plain() -> bytes:

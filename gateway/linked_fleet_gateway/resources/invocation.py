@@ -9,6 +9,7 @@ from collections.abc import Iterable, Mapping
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 
 from linked_fleet_agent.wire.messages import Follow
+from linked_fleet_gateway.fleet.closest import Closest
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
@@ -114,12 +115,14 @@ def describe_rehearsal(
     limited: str = "",
     path: Follow | None = None,
     detour: str = "",
+    closest: Iterable[Closest] = (),
 ) -> None:
     """Describe the effect that the action would have, for the preference ``dry-run``.
 
     ``findings``: whether the guards of motions found the path free, by their predicates; False if it is unknown.
     ``unchecked``: the links that they did not cover. ``limited``: why they reduce its speed.
-    ``path`` is a path that was planned, and ``detour`` why it is not the direct one.
+    ``path`` is a path that was planned, and ``detour`` why it is not the direct one. ``closest``: where it comes
+    closest to something.
     """
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
@@ -132,11 +135,27 @@ def describe_rehearsal(
         graph.add(iri, predicate, Literal(True) if free else LF.unknown)
     _add_limit(graph, iri, limited, detour)
     describe_unchecked(graph, iri, base, unchecked)
+    for near in closest:
+        _describe_closest(graph, iri, base, near)
     graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempts))
     if robot is not None:
         describe_positions(graph, iri, LF.target, base, robot, targets)
         if path is not None:
             _describe_path(graph, iri, base, robot, path)
+
+
+def _describe_closest(graph: Graph, iri: Node, base: str, closest: Closest) -> None:
+    node = graph.blank()
+    graph.add(iri, LF.closest, node)
+    graph.add(node, DCTERMS.title, Literal(" and ".join(closest.names)))
+    graph.add(node, LF.nearTo, *(NamedNode(base + path) for path in closest.things))
+    graph.scalar(node, LF.clearance, round(closest.apart_m, 4), METRE)
+    graph.scalar(node, LF.uncertainty, round(closest.uncertain_m, 4), METRE)
+    graph.add(node, LF.share, number(closest.share))
+    if closest.at_s is not None:
+        graph.add(node, LF.atTime, number(round(closest.at_s, 3)))
+    if closest.point is not None:
+        graph.vector(node, LF.position, closest.point, METRE)
 
 
 def _describe_path(graph: Graph, iri: Node, base: str, robot: Robot, path: Follow) -> None:

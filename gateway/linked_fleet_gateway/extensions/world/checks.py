@@ -27,6 +27,7 @@ from linked_fleet_gateway.extensions.world.jogging import Jogs
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     CheckFailed,
+    ClosestFound,
     CollisionFound,
     Free,
     Surveyed,
@@ -43,6 +44,7 @@ from linked_fleet_gateway.extensions.world.questions import Questions
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.faces import ALL, View, unchecked_links
+from linked_fleet_gateway.fleet.closest import Closest
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath, placed
 from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.robot import Robot
@@ -64,6 +66,8 @@ _FLOOR = 0.95
 _SLOWER = (1.0, 0.8, 0.4)
 """The largest share of the speed before that is tried next: one that nearly fits needs little less."""
 """Share of the speed that seems to fit at which a drive is checked anew, because its way changes a little."""
+CLOSEST_S = 0.2
+"""Processor time of a rehearsal for where the robot comes closest to something."""
 _TIMEOUT_S = 3.0  # for a check including its wait for a turn and for the processor
 _ANSWER_S = 10.0
 MOST_WAITING = 16
@@ -163,6 +167,8 @@ class Checks:
         if own and isinstance(act, Act) and act.path is not None:
             return await self._check_path(motion.robot, act.path, robots, sees, own)
         question = self._questions.about(motion, robots, sees, own)
+        if not own and not isinstance(act, Act):
+            question = replace(question, closest_within_s=CLOSEST_S)
         return self._finding(motion.robot, await self._checker.ask(question, _ANSWER_S))
 
     async def _check_path(self, robot: Robot, path: FollowedPath, robots: list[Robot], sees: View, own: str) -> Finding:
@@ -275,7 +281,15 @@ class Checks:
         self._collisions.forget(robot.name)
         near = [self._live.fleet.robots.get(name) for name in answer.unchecked]
         known = [robot, *(each for each in near if each is not None)]
-        return Finding(answer.covered, tuple(link for each in known for link in unchecked_links(each)))
+        links = tuple(link for each in known for link in unchecked_links(each))
+        return Finding(answer.covered, links, closest=self._closest(robot, answer.closest))
+
+    def _closest(self, robot: Robot, found: ClosestFound | None) -> Closest | None:
+        if found is None:
+            return None
+        met = self.collision(robot, found.met)
+        names, share = tuple(met.names), found.met.share
+        return Closest(found.apart_m, found.uncertain_m, share, tuple(met.things), names, found.at_s, met.point)
 
 
 def _way_is_unknown(motion: Motion) -> bool:

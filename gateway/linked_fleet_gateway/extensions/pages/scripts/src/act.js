@@ -4,6 +4,7 @@ import { complain, fieldsFor, read } from "./form.js";
 import { converted, number } from "./format.js";
 import { contact } from "./ghost.js";
 import { pathControls } from "./planned_path.js";
+import { MATHS } from "./pose_of.js";
 import { refresh } from "./region.js";
 import { fresh, send } from "./request.js";
 import { follow } from "./tasks.js";
@@ -138,11 +139,27 @@ function rehearsed(form, graph, full = true) {
   }
   if (full) for (const target of graph.values(root, lf("target"))) lines.push(targetOf(graph, `_:${target.value}`));
   for (const { value } of facts.get(lf("plannedBecause")) ?? []) lines.push(`on a planned path: ${value}`);
+  const near = closestIn(graph, root);
+  if (near) lines.push(near.text);
   for (const { value } of facts.get(lf("preempts")) ?? []) lines.push(`it would end ${localName(value)}`);
   for (const { value } of facts.get(lf("unchecked")) ?? []) lines.push(uncheckedLink(graph, `_:${value}`));
   const path = pathControls(graph);
   answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines), ...(path ? [path] : []));
+  contact(near?.point);
   form.dispatchEvent(new CustomEvent("rehearsed", { bubbles: true, detail: graph }));
+}
+
+/** Return where a motion comes closest to something, in words and as a point in the world. */
+function closestIn(graph, root) {
+  const found = graph.value(root, lf("closest"));
+  if (!found) return undefined;
+  const node = `_:${found.value}`;
+  const apart = quantity(graph, `_:${graph.value(node, lf("clearance"))?.value}`);
+  const [share, time] = ["share", "atTime"].map((each) => graph.value(node, lf(each))?.value);
+  const when = time === undefined ? `after ${Math.round(100 * Number(share))} % of the way` : `after ${Number(time).toFixed(1)} s`;
+  const place = graph.value(node, lf("position"));
+  const point = place && ["x", "y", "z"].map((axis) => Number(graph.value(`_:${place.value}`, MATHS + axis)?.value));
+  return { text: `closest ${when}: ${apart} between ${graph.value(node, TITLE)?.value}`, point };
 }
 
 /** @returns {string[]} the links that no check of motions covers, after the change of a placement */
