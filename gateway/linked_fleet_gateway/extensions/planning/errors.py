@@ -44,10 +44,12 @@ class LineLeaves(MotionRefused):
 
     status, code, title = 409, "line-ends", "The straight line leaves what the joints can do"
 
-    def __init__(self, detail: str, *, share: float, point: Vector) -> None:
-        super().__init__(detail, reason="the straight line leaves what its joints can do")
+    def __init__(self, detail: str, *, reason: str, share: float | None = None, point: Vector | None = None) -> None:
+        super().__init__(detail, reason=reason)
         self.share, self.point = share, point
 
     @property
     def members(self) -> Members:
+        if self.share is None or self.point is None:
+            return {}
         return {"share": self.share, "point": [round(each, 4) for each in self.point]}

@@ -206,6 +206,7 @@ class Planner(MotionPlanner):
             return LineLeaves(
                 f"The straight line of {robot.name} ends after {100 * answer.share:.0f} % of the way: "
                 f"{joint}{answer.why}. lf:Planned takes another path.",
+                reason="the straight line leaves what its joints can do",
                 share=answer.share,
                 point=compose(base, Pose(answer.at, UPRIGHT)).position_m,
             )
