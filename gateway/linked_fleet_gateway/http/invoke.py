@@ -308,6 +308,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, 
             rehearsed.path,
             rehearsed.detour,
             rehearsed.closest,
+            rehearsed.plan,
         )
 
     def plain() -> bytes:

@@ -11,6 +11,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 from linked_fleet_agent.wire.messages import Follow
 from linked_fleet_gateway.fleet.closest import Closest
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.fleet.kept_plan import KeptPlan
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, Node, Unit, number, timestamp
@@ -116,13 +117,14 @@ def describe_rehearsal(
     path: Follow | None = None,
     detour: str = "",
     closest: Iterable[Closest] = (),
+    plan: KeptPlan | None = None,
 ) -> None:
     """Describe the effect that the action would have, for the preference ``dry-run``.
 
     ``findings``: whether the guards of motions found the path free, by their predicates; False if it is unknown.
     ``unchecked``: the links that they did not cover. ``limited``: why they reduce its speed.
     ``path`` is a path that was planned, and ``detour`` why it is not the direct one. ``closest``: where it comes
-    closest to something.
+    closest to something. ``plan`` is kept for a request of this very motion.
     """
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
@@ -134,6 +136,9 @@ def describe_rehearsal(
     for predicate, free in findings.items():
         graph.add(iri, predicate, Literal(True) if free else LF.unknown)
     _add_limit(graph, iri, limited, detour)
+    if plan is not None:
+        graph.add(iri, LF.plan, Literal(plan.id))
+        graph.add(iri, LF.expires, timestamp(plan.until_ns))
     describe_unchecked(graph, iri, base, unchecked)
     for near in closest:
         _describe_closest(graph, iri, base, near)

@@ -39,6 +39,15 @@ class NoPathFound(_InTheWay):
     code, title = "no-path-found", "No path was found in time"
 
 
+class PlanChanged(_InTheWay):
+    """A plan that was kept cannot be carried out as it was rehearsed: the robot, what is around or the request differs.
+
+    ``things`` are what would meet, if something is in the way.
+    """
+
+    code, title = "changed", "The plan is not what it was rehearsed for"
+
+
 class LineLeaves(MotionRefused):
     """The joints can follow a straight line up to a ``share`` of it only, which is at ``point`` in the world."""
 

@@ -3,7 +3,6 @@
 import asyncio
 import math
 from collections import Counter
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path as FilePath
@@ -16,10 +15,12 @@ from msgspec.structs import replace
 from linked_fleet_agent.urdf.cruise import RAMP_S, SPEED_SHARE, cruise_of
 from linked_fleet_agent.urdf.facts import JointFacts
 from linked_fleet_agent.wire.messages import Expectation, Follow, Move
-from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, RobotModel, UnprocessableContent
+from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, UnprocessableContent
 from linked_fleet_gateway.base.errors import FleetError, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound
+from linked_fleet_gateway.extensions.planning.kept_path import KeptPath, above, keep, moving_joint, tolerance_of
+from linked_fleet_gateway.extensions.planning.kept_plans import KeptPlans, plan_of
 from linked_fleet_gateway.extensions.planning.messages import (
     BlockedAt,
     FindPath,
@@ -41,6 +42,7 @@ from linked_fleet_gateway.extensions.world.nearby import EARLY_S
 from linked_fleet_gateway.extensions.world.placement import has_placement
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation
 from linked_fleet_gateway.extensions.world.service import World
+from linked_fleet_gateway.fleet.kept_plan import KeptPlan
 from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import JointKind
 from linked_fleet_gateway.rdf.graph import Node
@@ -55,8 +57,6 @@ MOST_WAITING, MOST_OF_ONE = 16, 4
 """Motions that wait for a plan, of all callers and of one."""
 _MOST_PATHS = 4
 """Paths of one motion that the check of motions judges."""
-STILL_RAD, STILL_M = 0.01, 0.001
-"""How far a joint may be from where its path begins when the robot gets the command."""
 _SEEDS = 1_000
 _MOST_GOALS, _OTHER = 12, 0.1
 """Searches for other positions that reach a pose, and how far (rad, m) one joint of these is from the known ones."""
@@ -92,7 +92,7 @@ class Planner(MotionPlanner):
 
     def __init__(self, core: Core, world: World, meshes: Meshes, folder: FilePath) -> None:
         self._core, self._checks = core, world.checks
-        self._process = PlannerProcess(folder)
+        self._process, self.plans = PlannerProcess(folder), KeptPlans(core.redis_url, core.namespace)
         self._preparation = Preparation(core.live, meshes, self._process)
         self._nearby, self._questions = world.checks.asked_elsewhere(self._preparation)
         self._waiting = Counter[str]()
@@ -100,11 +100,14 @@ class Planner(MotionPlanner):
     async def close(self) -> None:
         await self._preparation.close()
         await self._process.close()
+        await self.plans.close()
 
-    def paths(self, motion: Motion, caller: Caller, own_id: str) -> "PlannedPaths | None":
+    def paths(self, motion: Motion, caller: Caller, own_id: str) -> "PlannedPaths | KeptPath | None":
         """Return the paths of a motion that asks for another one than the direct one, or that may take one."""
         if not isinstance(motion.motion, Move) or motion.request is None:
             return None
+        if (plan := plan_of(motion)) is not None:
+            return KeptPath(self.plans, self._core.live, motion, caller, own_id, plan)
         kind, body = kind_of(motion), motion.request.body
         if kind in {LF.Planned, LF.Straight} and not has_placement(motion.robot):
             raise Conflict(
@@ -166,13 +169,11 @@ class Planner(MotionPlanner):
 
     def _check_still(self, motion: Motion, own_id: str) -> None:
         """Check that no other motion moves the joints, because a path begins where they stand. Raises Conflict."""
-        for each in self._core.live.invocations.open_of_robot(motion.robot.name):
-            moving = each.targets.keys() & motion.targets.keys() if each.id != own_id else ()
-            if moving:
-                raise Conflict(
-                    f"{min(moving)} of {motion.robot.name} is moving, and a planned path begins where it stands: stop "
-                    "it, or wait until it stands."
-                )
+        if (moving := moving_joint(self._core.live, motion, own_id)) is not None:
+            raise Conflict(
+                f"{moving} of {motion.robot.name} is moving, and a planned path begins where it stands: stop it, or "
+                "wait until it stands."
+            )
 
     def _bounds(self, motion: Motion, around: Check) -> dict[str, JointBounds]:
         start = around.paths[0].start
@@ -187,9 +188,9 @@ class Planner(MotionPlanner):
             raise Unchecked(f"No path of {motion.robot.name} could be planned: {answer.reason}.")
         if not isinstance(answer, PathFound | StraightFound):
             raise self._refusal(motion.robot, answer, asked)
-        start, linear = asked.around.paths[0].start, _linear(motion.robot)
+        start = asked.around.paths[0].start
         stands = {
-            name: Expectation(start[name], STILL_M if name in linear else STILL_RAD)
+            name: Expectation(start[name], tolerance_of(motion.robot, name))
             for name in answer.joints
             if name not in motion.expectations
         }
@@ -223,11 +224,6 @@ class Planner(MotionPlanner):
         return NoPathFound(detail, reason="no path was found in time")
 
 
-def _linear(robot: Robot) -> set[str]:
-    joints = {} if robot.model is None else robot.model.joints
-    return {name for name, joint in joints.items() if joint.kind is JointKind.PRISMATIC}
-
-
 class PlannedPaths(Paths):
     """The direct path, and planned ones if something is in its way."""
 
@@ -254,6 +250,10 @@ class PlannedPaths(Paths):
         planned = await self._planner.plan(self._motion, self._caller, self._own_id, Search(seed, within_s))
         self._left_s -= asyncio.get_running_loop().time() - began_s
         return replace(planned, detour=self._because)
+
+    async def keep(self, motion: Motion) -> KeptPlan | None:
+        """Keep a rehearsed motion on one of these paths."""
+        return await keep(self._planner.plans, motion, self._caller.name)
 
 
 def _is_other_refusal(refused: MotionRefused | None) -> bool:
@@ -290,7 +290,7 @@ def _carried(motion: Motion) -> str:
     """Return the link that the last of the joints of a motion carries. Raises UnprocessableContent without one."""
     model = motion.robot.model
     assert model is not None
-    depths = {name: list(_above(model, name)) for name in motion.targets}
+    depths = {name: list(above(model, name)) for name in motion.targets}
     last = max(depths, key=lambda name: len(depths[name]))
     if beside := motion.targets.keys() - {last, *depths[last]}:
         raise UnprocessableContent(
@@ -298,13 +298,6 @@ def _carried(motion: Motion) -> str:
             "one arm."
         )
     return model.joints[last].child
-
-
-def _above(model: RobotModel, joint: str) -> Iterator[str]:
-    """Yield the joints that carry a joint, the nearest first."""
-    while (parent := model.links[model.joints[joint].parent].parent_joint) is not None:
-        yield parent
-        joint = parent
 
 
 def bounds_of(robot: Robot, name: str, ends: tuple[float, float], scale: float, most: float) -> JointBounds:

@@ -2,4 +2,4 @@
 
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
-LF = CORE.extended("PathKind Direct Planned Straight path ofLink")
+LF = CORE.extended("PathKind Direct Planned Straight path plan ofLink")

@@ -3,6 +3,7 @@
 import { complain, fieldsFor, read } from "./form.js";
 import { converted, number } from "./format.js";
 import { contact } from "./ghost.js";
+import { keepPlan, withPlan } from "./kept_plan.js";
 import { pathControls } from "./planned_path.js";
 import { MATHS } from "./pose_of.js";
 import { refresh } from "./region.js";
@@ -26,8 +27,9 @@ async function submit(form, button) {
     answer(form, "error", "Nothing was sent: see the fields that are marked.");
     return;
   }
-  const body = said || undefined; // who may leave all out sends no body: an empty one is a mistake
+  const asked = said || undefined; // who may leave all out sends no body: an empty one is a mistake
   const rehearsal = button?.dataset.prefer === "dry-run";
+  const body = rehearsal ? asked : withPlan(form.dataset.action, asked);
   const method = form.dataset.methods?.split(/\s+/)[0] || "POST";
   const headers = { Prefer: rehearsal ? "dry-run" : "return=representation" };
   // What can be rehearsed is a motion; others do not recognise a repeated request, and refuse the field.
@@ -39,6 +41,7 @@ async function submit(form, button) {
   form.removeAttribute("aria-busy");
   // A request without a response may have been executed: sent again unchanged, it has the same idempotency key.
   if (got.status) delete form.dataset.key;
+  if (rehearsal) keepPlan(form.dataset.action, asked, got.graph);
   if (got.problem) refused(form, got);
   else if (rehearsal) rehearsed(form, got.graph);
   else done(form, got);
@@ -139,6 +142,7 @@ function rehearsed(form, graph, full = true) {
   }
   if (full) for (const target of graph.values(root, lf("target"))) lines.push(targetOf(graph, `_:${target.value}`));
   for (const { value } of facts.get(lf("plannedBecause")) ?? []) lines.push(`on a planned path: ${value}`);
+  if (facts.has(lf("plan"))) lines.push("this very motion is kept, to be carried out next");
   const near = closestIn(graph, root);
   if (near) lines.push(near.text);
   for (const { value } of facts.get(lf("preempts")) ?? []) lines.push(`it would end ${localName(value)}`);
