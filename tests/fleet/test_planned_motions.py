@@ -326,3 +326,72 @@ def test_a_client_keeps_a_few_plans_only(panda: Arm) -> None:
     for _ in range(kept_plans.MOST_OF_ONE):
         rehearsed(panda)
     assert "no such plan" in changed(panda.post("moveJoints", body | {"plan": first["plan"]}))["detail"]
+
+
+# -- constraints ----------------------------------------------------------------------------------------------------
+
+TURN = {1: 0.9}
+"""A turn of the whole arm, by which the hand stays as upright as it is."""
+
+
+def constrained(arm: Arm, positions: dict[int, float], **constraints: Any) -> httpx.Response:
+    tip = {"tip": f"{arm.root}panda_hand"}
+    return arm.post("moveJoints", arm.body(positions, "Planned") | tip | constraints, "dry-run")
+
+
+def quantity(value: float, unit: str) -> dict[str, Any]:
+    return {"value": value, "unit": UNITS + unit}
+
+
+def point(x: float, y: float, z: float) -> dict[str, Any]:
+    return {"x": x, "y": y, "z": z, "unit": f"{UNITS}M"}
+
+
+def test_a_motion_keeps_to_constraints(panda: Arm) -> None:
+    upright, speed = quantity(15, "DEG"), quantity(100, "MilliM-PER-SEC")
+    said = constrained(panda, {1: -0.6}, upright=upright, tipSpeed=speed)
+    assert said.status_code == 200, said.text
+    seen = said.json()
+    assert seen["plannedBecause"] == "it keeps to constraints"
+    assert seen["duration"]["value"] > 0.6 * 0.5 / 0.1, "the hand is about half a metre from the axis"
+    assert seen["leastManipulability"]["value"] > 0.0 and seen["leastManipulabilityTime"]["value"] >= 0.0
+    body = panda.body({1: -0.6}, "Planned") | {"tip": f"{panda.root}panda_hand", "upright": upright, "tipSpeed": speed}
+    moved = panda.post("moveJoints", body | {"plan": seen["plan"]})
+    assert moved.status_code == 204, moved.text
+    ended(panda.browser, moved.headers["location"])
+    invocation = panda.browser.http.get(moved.headers["location"], headers={"accept": "application/json"}).json()
+    assert invocation["leastManipulability"] == seen["leastManipulability"]
+
+
+@pytest.mark.parametrize(
+    ("positions", "constraints", "broken", "share", "says"),
+    [
+        (
+            {5: 1.0},
+            {"upright": quantity(10, "DEG")},
+            "upright",
+            1.0,
+            "from the vertical, and may be 10.0°, at its goal",
+        ),
+        (TURN, {"upright": quantity(10, "DEG") | {"axis": "x"}}, "upright", 0.0, "its axis x is 90.0°"),
+        (TURN, {"stayIn": {"lower": point(0.2, -1, 0), "upper": point(0.4, 1, 2)}}, "stayIn", 1.0, "at least 0.200 m"),
+        (TURN, {"leastManipulability": 5}, "leastManipulability", 0.0, "may be 5 at least, where the motion begins"),
+    ],
+)
+def test_what_cannot_keep_to_a_constraint_says_why(
+    panda: Arm, positions: dict[int, float], constraints: dict[str, Any], broken: str, share: float, says: str
+) -> None:
+    refused = constrained(panda, {n: HOME[n] + by for n, by in positions.items()}, **constraints)
+    assert refused.status_code == 409, refused.text
+    said = refused.json()
+    assert said["type"].endswith("#breaks-constraint") and says in said["detail"], said
+    assert said["broken"] == TERMS + broken and said["share"] == share and "limit" in said and "value" in said
+
+
+def test_constraints_need_a_path_and_a_sense(panda: Arm) -> None:
+    plain = panda.post("moveJoints", panda.body(TURN) | {"upright": quantity(10, "DEG")}, "dry-run")
+    assert plain.status_code == 422 and "add lf:path lf:Planned" in plain.json()["detail"]
+    inside_out = constrained(panda, TURN, stayIn={"lower": point(1, -1, 0), "upper": point(-1, 1, 2)})
+    assert inside_out.status_code == 422 and "x from 1 m to -1 m" in inside_out.json()["detail"]
+    still = constrained(panda, {7: 0.0}, tip=f"{panda.root}panda_link3", upright=quantity(10, "DEG"))
+    assert still.status_code == 422 and "does not move panda_link3" in still.json()["detail"]

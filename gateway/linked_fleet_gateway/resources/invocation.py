@@ -34,6 +34,8 @@ _FACTS: dict[str, tuple[NamedNode, Unit]] = {
     "positionResidual": (LF.positionResidual, METRE),
     "orientationResidual": (LF.orientationResidual, RADIAN),
     "pathDeviation": (LF.pathDeviation, METRE),
+    "leastManipulability": (LF.leastManipulability, UNITLESS),
+    "leastManipulabilityTime": (LF.leastManipulabilityTime, SECOND),
     "speedShare": (LF.speedScale, UNITLESS),
 }
 MOST_WAYPOINTS = 40

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 
 from linked_fleet_gateway.base.errors import Members, MotionRefused
+from linked_fleet_gateway.extensions.planning.messages import Broken
+from linked_fleet_gateway.extensions.planning.terms import LF
 from linked_fleet_gateway.extensions.world.collisions import Collides
 from linked_fleet_gateway.fleet.xml import Vector
 
@@ -46,6 +48,26 @@ class PlanChanged(_InTheWay):
     """
 
     code, title = "changed", "The plan is not what it was rehearsed for"
+
+
+class BreaksConstraint(MotionRefused):
+    """The motion does not keep to a constraint after a ``share`` of its path; at its start or goal, no path does.
+
+    ``value`` is what would be there (rad, m or a manipulability), ``limit`` what may.
+    """
+
+    status, code, title = 409, "breaks-constraint", "The motion does not keep to a constraint"
+
+    def __init__(self, detail: str, *, reason: str, broken: Broken | None = None) -> None:
+        super().__init__(detail, reason=reason)
+        self._broken = broken
+
+    @property
+    def members(self) -> Members:
+        if (broken := self._broken) is None:
+            return {}
+        kind = str(LF.terms[broken.kind].value)
+        return {"broken": kind, "share": broken.share, "value": round(broken.value, 5), "limit": broken.limit}
 
 
 class LineLeaves(MotionRefused):

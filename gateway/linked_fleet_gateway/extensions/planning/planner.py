@@ -18,11 +18,13 @@ from linked_fleet_agent.wire.messages import Expectation, Follow, Move
 from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, UnprocessableContent
 from linked_fleet_gateway.base.errors import FleetError, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
+from linked_fleet_gateway.extensions.planning.constraints import carried, constraints_of, is_constrained, refusal
 from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound
-from linked_fleet_gateway.extensions.planning.kept_path import KeptPath, above, keep, moving_joint, tolerance_of
+from linked_fleet_gateway.extensions.planning.kept_path import KeptPath, keep, moving_joint, tolerance_of
 from linked_fleet_gateway.extensions.planning.kept_plans import KeptPlans, plan_of
 from linked_fleet_gateway.extensions.planning.messages import (
     BlockedAt,
+    Broken,
     FindPath,
     FindStraight,
     JointBounds,
@@ -109,6 +111,13 @@ class Planner(MotionPlanner):
         if (plan := plan_of(motion)) is not None:
             return KeptPath(self.plans, self._core.live, motion, caller, own_id, plan)
         kind, body = kind_of(motion), motion.request.body
+        if is_constrained(body) and kind not in {LF.Planned, LF.Straight}:
+            raise UnprocessableContent(
+                "A motion keeps to constraints on a planned path or a straight line: add lf:path lf:Planned or "
+                "lf:Straight."
+            )
+        if is_constrained(body):
+            constraints_of(motion)  # raises early what is wrong with them
         if kind in {LF.Planned, LF.Straight} and not has_placement(motion.robot):
             raise Conflict(
                 f"{motion.robot.name} has no placement in the world, so it is unknown what is in its way: PUT its "
@@ -150,22 +159,24 @@ class Planner(MotionPlanner):
             around = self._questions.about(motion, robots, sees, own_id)
             asked = self._question(motion, around, search)
             answer = await self._process.find(asked)
-            if isinstance(answer, BlockedAt) and isinstance(asked, FindPath):
+            is_goal_bad = isinstance(answer, BlockedAt) or (isinstance(answer, Broken) and answer.share == 1.0)
+            if is_goal_bad and isinstance(asked, FindPath):
                 asked = replace(asked, goals=await asyncio.to_thread(other_goals, motion, asked))
                 answer = await self._process.find(asked) if asked.goals else answer
             return answer, asked
 
     def _question(self, motion: Motion, around: Check, search: "Search") -> PlanQuestion:
         bounds, goal = self._bounds(motion, around), dict(motion.targets)
+        keeps = constraints_of(motion)
         if kind_of(motion) != LF.Straight:
-            return FindPath(around, bounds, (goal,), search.within_s, search.seed)
+            return FindPath(around, bounds, (goal,), search.within_s, search.seed, keeps)
         assert motion.request is not None
         body = motion.request.body
         link = body.node(body.root, LF.ofLink)
         if link is None:
-            return FindStraight(around, bounds, _carried(motion), goal, turns=True, exact=True)
+            return FindStraight(around, bounds, carried(motion), goal, turns=True, exact=True, keeps=keeps)
         turns = body.node(body.root, LF.orientation) is not None
-        return FindStraight(around, bounds, motion.request.link_at(link), goal, turns, exact=False)
+        return FindStraight(around, bounds, motion.request.link_at(link), goal, turns, exact=False, keeps=keeps)
 
     def _check_still(self, motion: Motion, own_id: str) -> None:
         """Check that no other motion moves the joints, because a path begins where they stand. Raises Conflict."""
@@ -196,11 +207,19 @@ class Planner(MotionPlanner):
         }
         follow = Follow(answer.joints, answer.times_s, answer.positions)
         ends = dict(zip(answer.joints, answer.positions[-1], strict=True))
-        facts = {**motion.facts, "pathDeviation": answer.off_m} if isinstance(answer, StraightFound) else motion.facts
+        facts = dict(motion.facts)
+        if isinstance(answer, StraightFound):
+            facts["pathDeviation"] = answer.off_m
+        if answer.least is not None:
+            facts |= {"leastManipulability": answer.least.value, "leastManipulabilityTime": answer.least.at_s}
         expected = {**stands, **motion.expectations}
         return replace(motion, motion=follow, targets=ends, facts=facts, expectations=expected)
 
-    def _refusal(self, robot: Robot, answer: LineEnds | BlockedAt | NotFound, asked: PlanQuestion) -> MotionRefused:
+    def _refusal(
+        self, robot: Robot, answer: LineEnds | BlockedAt | Broken | NotFound, asked: PlanQuestion
+    ) -> MotionRefused:
+        if isinstance(answer, Broken):
+            return refusal(robot, asked.keeps.tip, answer)
         if isinstance(answer, LineEnds):
             joint = f"{answer.joint}: " if answer.joint else ""
             base = asked.around.robot.base
@@ -217,9 +236,10 @@ class Planner(MotionPlanner):
             detail = f"The goal is blocked: {answer.by.link} of {robot.name} would meet {what} there."
             return GoalBlocked(detail, reason="something is where it would end", met=met)
         within_s = asked.within_s if isinstance(asked, FindPath) else SEARCH_S
+        keeping = " that keeps to its constraints" if asked.keeps.shape_the_path else ""
         detail = (
-            f"No path of {robot.name} was found in {within_s:.2g} s. There may be one: give the search more time by "
-            f"Prefer: wait, of which up to {MOST_SEARCH_S:g} s are used, or move in steps."
+            f"No path of {robot.name}{keeping} was found in {within_s:.2g} s. There may be one: give the search more "
+            f"time by Prefer: wait, of which up to {MOST_SEARCH_S:g} s are used, or move in steps."
         )
         return NoPathFound(detail, reason="no path was found in time")
 
@@ -235,16 +255,16 @@ class PlannedPaths(Paths):
 
     async def next(self, refused: MotionRefused | None) -> Motion | None:
         """Return the motion on its next path; None after the last one, or after the time for the search."""
-        straight = kind_of(self._motion) == LF.Straight
-        if refused is None and not straight:
+        straight, request = kind_of(self._motion) == LF.Straight, self._motion.request
+        constrained = request is not None and is_constrained(request.body)
+        if refused is None and not straight and not constrained:
             return self._motion
         if self._given == (1 if straight else _MOST_PATHS) or self._left_s <= 0.0 or _is_other_refusal(refused):
             return None
         self._given += 1
         if not self._because:
-            self._because = (
-                "a straight line was asked for" if refused is None else f"on the direct path {refused.reason}"
-            )
+            asked_for = "a straight line was asked for" if straight else "it keeps to constraints"
+            self._because = asked_for if refused is None else f"on the direct path {refused.reason}"
         began_s = asyncio.get_running_loop().time()
         seed, within_s = self._given * _SEEDS, self._left_s
         planned = await self._planner.plan(self._motion, self._caller, self._own_id, Search(seed, within_s))
@@ -284,20 +304,6 @@ def kind_of(motion: Motion) -> Node | None:
     """Return the kind of path that is asked for; None if nothing is said."""
     body = None if motion.request is None else motion.request.body
     return None if body is None else body.node(body.root, LF.path)
-
-
-def _carried(motion: Motion) -> str:
-    """Return the link that the last of the joints of a motion carries. Raises UnprocessableContent without one."""
-    model = motion.robot.model
-    assert model is not None
-    depths = {name: list(above(model, name)) for name in motion.targets}
-    last = max(depths, key=lambda name: len(depths[name]))
-    if beside := motion.targets.keys() - {last, *depths[last]}:
-        raise UnprocessableContent(
-            f"{min(beside)} does not carry what {last} carries, so no link is on a line: lf:Straight moves joints of "
-            "one arm."
-        )
-    return model.joints[last].child
 
 
 def bounds_of(robot: Robot, name: str, ends: tuple[float, float], scale: float, most: float) -> JointBounds:

@@ -3,10 +3,16 @@
 import pytest
 
 from linked_fleet_gateway.base.errors import MotionRefused
-from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound
+from linked_fleet_gateway.extensions.planning.errors import (
+    BreaksConstraint,
+    GoalBlocked,
+    LineLeaves,
+    NoPathFound,
+    PlanChanged,
+)
 
 
-@pytest.mark.parametrize("kind", [GoalBlocked, NoPathFound, LineLeaves])
+@pytest.mark.parametrize("kind", [GoalBlocked, NoPathFound, LineLeaves, PlanChanged, BreaksConstraint])
 def test_a_refusal_is_known_by_its_code(kind: type[MotionRefused]) -> None:
     """A repeated request gets the first answer again, of which the invocation has code and reason."""
     found = MotionRefused.type_for_code(kind.code)

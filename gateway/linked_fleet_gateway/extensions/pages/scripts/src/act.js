@@ -136,7 +136,7 @@ function rehearsed(form, graph, full = true) {
     return;
   }
   const lines = [];
-  for (const [predicate, name] of [["duration", "it would take"], ["pathDeviation", "off the line by at most"], ["positionResidual", "off the position by"], ["orientationResidual", "off the orientation by"]]) {
+  for (const [predicate, name] of [["duration", "it would take"], ["pathDeviation", "off the line by at most"], ["leastManipulability", "manipulability of at least"], ["positionResidual", "off the position by"], ["orientationResidual", "off the orientation by"]]) {
     const node = graph.value(root, lf(predicate));
     if (node) lines.push(`${name} ${quantity(graph, `_:${node.value}`)}`);
   }
