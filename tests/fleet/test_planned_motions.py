@@ -388,6 +388,11 @@ def test_what_cannot_keep_to_a_constraint_says_why(
     assert said["broken"] == TERMS + broken and said["share"] == share and "limit" in said and "value" in said
 
 
+def test_a_motion_that_takes_hours_is_refused(panda: Arm) -> None:
+    refused = constrained(panda, TURN, tipSpeed=quantity(1e-6, "M-PER-SEC"))
+    assert refused.status_code == 409 and "takes at most 3600 s" in refused.json()["detail"], refused.text
+
+
 def test_constraints_need_a_path_and_a_sense(panda: Arm) -> None:
     plain = panda.post("moveJoints", panda.body(TURN) | {"upright": quantity(10, "DEG")}, "dry-run")
     assert plain.status_code == 422 and "add lf:path lf:Planned" in plain.json()["detail"]

@@ -57,6 +57,8 @@ _ANSWER_S = 5.0
 """What an answer may take beside the search: a turn, the scene, and the timing of the path."""
 MOST_WAITING, MOST_OF_ONE = 16, 4
 """Motions that wait for a plan, of all callers and of one."""
+MOST_S = 3600
+"""The longest trajectory that an agent takes, in seconds."""
 _MOST_PATHS = 4
 """Paths of one motion that the check of motions judges."""
 _SEEDS = 1_000
@@ -199,6 +201,11 @@ class Planner(MotionPlanner):
             raise Unchecked(f"No path of {motion.robot.name} could be planned: {answer.reason}.")
         if not isinstance(answer, PathFound | StraightFound):
             raise self._refusal(motion.robot, answer, asked)
+        if (long_s := answer.times_s[-1]) > MOST_S:
+            raise Conflict(
+                f"The motion of {motion.robot.name} would take {long_s:.0f} s; a command takes at most {MOST_S} s. "
+                "Allow a higher speed, or move in steps."
+            )
         start = asked.around.paths[0].start
         stands = {
             name: Expectation(start[name], tolerance_of(motion.robot, name))

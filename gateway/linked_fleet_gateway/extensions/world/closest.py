@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from linked_fleet_gateway.extensions.world.messages import Check, ClosestFound, CollisionFound
-from linked_fleet_gateway.extensions.world.path import Path, joint_changes, path_of
+from linked_fleet_gateway.extensions.world.path import STEP_M, Path, UnknownPosition, joint_changes, path_of
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
 from linked_fleet_gateway.extensions.world.surroundings import (
@@ -31,6 +31,9 @@ _EXACT_M, _EXACT = 0.001, 0.05
 """How exact the distance is: to so much, or to this share of it."""
 _PARTS = 48
 """Parts of a path of which each pair is compared by bounding spheres."""
+
+_MOST_PLACES = 10_000
+"""Places of a long path, about, which are then further apart."""
 
 
 class _Near(NamedTuple):
@@ -55,12 +58,18 @@ class _Part(NamedTuple):
 def find_closest(asked: Check, robot: Robot, things: Sequence[StaticBody]) -> ClosestFound | None:
     """Return where the robot comes closest to one of the things on its first path; None if nothing of it moves."""
     way = asked.paths[0]
-    joints = tuple(name for name in joint_changes(robot, way) if robot.model.existJointName(name))
+    changes = joint_changes(robot, way)
+    joints = tuple(name for name in changes if robot.model.existJointName(name))
     reach = robot.reach_by_joint(joints)
     bodies = np.array([i for i, known in enumerate(robot.anchored) if known and reach[:, i].any()], dtype=np.intp)
     if not len(bodies) or not things:
         return None
-    path = path_of(robot, way, joints, reach[:, bodies].max(axis=1)[None, :])
+    weights = reach[:, bodies].max(axis=1)
+    far = float(weights @ np.array([changes[name] for name in joints]))
+    try:
+        path = path_of(robot, way, joints, weights[None, :] / max(1.0, far / (_MOST_PLACES * STEP_M)))
+    except UnknownPosition:
+        return None
     search = _Search(path, path.accumulated @ reach, MovingRobot(robot, way.start), bodies, things)
     near, uncertain_m = search.run(asked.closest_within_s)
     at = None if (point := search.point(near)) is None else se3(asked.robot.base).act(point)

@@ -81,6 +81,16 @@ def test_a_search_that_ends_early_says_how_much_nearer_it_may_be() -> None:
     assert hasty.uncertain_m > exact.uncertain_m
 
 
+def test_a_long_motion_has_coarser_places() -> None:
+    """It swings by the ball five hundred times, 200 m in all."""
+    question = asked((1.2 * math.cos(0.2), 1.2 * math.sin(0.2), 0.0), 0.0)
+    rows = tuple((0.4 * (k % 2),) for k in range(1, 501))
+    legs = legs_through(("turn",), tuple(float(k) for k in range(1, 501)), rows, {"turn": 0.0})
+    near = found(replace(question, within_s=60.0, paths=(MotionPath({"turn": 0.0}, legs),)))
+    assert near.apart_m == pytest.approx(0.1, abs=0.05)
+    assert near.apart_m - near.uncertain_m <= 0.1 + 1e-6
+
+
 def test_without_a_wish_or_anything_around_there_is_none() -> None:
     answer = check(replace(asked((2.0, 0.0, 0.0), 1.0), closest_within_s=0.0), {"rod": ROD}, {"ball": BALL})
     assert isinstance(answer, Free) and answer.closest is None

@@ -149,7 +149,7 @@ function rehearsed(form, graph, full = true) {
   for (const { value } of facts.get(lf("unchecked")) ?? []) lines.push(uncheckedLink(graph, `_:${value}`));
   const path = pathControls(graph);
   answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines), ...(path ? [path] : []));
-  contact(near?.point);
+  contact(near?.point, false);
   form.dispatchEvent(new CustomEvent("rehearsed", { bubbles: true, detail: graph }));
 }
 
