@@ -12,7 +12,7 @@ from browser import Browser as Client
 from chromium import PHONE
 from commanding import TURTLE, angle, control
 from running import PATIENCE_S, eventually
-from scene_client import placement, put_robot
+from scene_client import crate, placement, put_object, put_robot
 from small_fleet import move
 from watched_page import Watched
 
@@ -173,6 +173,7 @@ def test_the_ghost_moves_along_a_planned_path(placed: None, robot: Page) -> None
 
 def test_what_was_shown_is_carried_out(placed: None, robot: Page, client: Client, watched: Watched) -> None:
     """The form sends the plan of the dry run; once the robot stands elsewhere, it is refused, and asked for again."""
+    put_object(client, crate("crate", 0.9, 0.9, 0.2))
     robot.goto(client.robot("ur5").url + "actions/reach")
     form = robot.locator("form.invoke")
     form.locator(f'select[data-path="{LF.ofLink}"]').select_option(value=client.part("ur5", "ee_link").url)
@@ -185,9 +186,17 @@ def test_what_was_shown_is_carried_out(placed: None, robot: Page, client: Client
     go = form.get_by_role("button", name="reach", exact=True)
     dry.click()
     expect(form.locator(".answer")).to_contain_text("this very motion is kept")
-    with robot.expect_request(lambda asked: asked.method in {"POST", "PUT"}) as sent:
+    expect(form.locator(".answer")).to_contain_text(re.compile("closest after .* of ur5 and crate"))
+    sends = re.compile("POST|PUT").fullmatch
+    robot.route("**/actions/reach", lambda route: route.abort(), times=1)
+    with robot.expect_request(lambda asked: bool(sends(asked.method))) as lost:
         go.click()
-    assert f"<{LF.plan}>" in (sent.value.post_data or "")
+    expect(form.locator(".answer")).to_contain_text("No answer")
+    watched.forgive("Failed to load resource")
+    with robot.expect_request(lambda asked: bool(sends(asked.method))) as sent:
+        go.click()
+    assert f"<{LF.plan}>" in (sent.value.post_data or "") and sent.value.post_data == lost.value.post_data
+    assert sent.value.headers["idempotency-key"] == lost.value.headers["idempotency-key"]
     expect(form.locator(".task .state")).to_have_text("succeeded")
     dry.click()
     expect(form.locator(".answer")).to_contain_text("this very motion is kept")
@@ -198,7 +207,7 @@ def test_what_was_shown_is_carried_out(placed: None, robot: Page, client: Client
     go.click()
     expect(form.locator(".answer")).to_contain_text(re.compile("the path begins at|is moving"))
     watched.forgive("409 (Conflict)")
-    with robot.expect_request(lambda asked: asked.method in {"POST", "PUT"}) as sent:
+    with robot.expect_request(lambda asked: bool(sends(asked.method))) as sent:
         go.click()
     assert f"<{LF.plan}>" not in (sent.value.post_data or "")
     expect(form.locator(".task .state")).to_have_text("succeeded")

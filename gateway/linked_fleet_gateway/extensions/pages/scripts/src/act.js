@@ -3,7 +3,7 @@
 import { complain, fieldsFor, read } from "./form.js";
 import { converted, number } from "./format.js";
 import { contact } from "./ghost.js";
-import { keepPlan, withPlan } from "./kept_plan.js";
+import { forgetPlan, keepPlan, withPlan } from "./kept_plan.js";
 import { pathControls } from "./planned_path.js";
 import { MATHS } from "./pose_of.js";
 import { refresh } from "./region.js";
@@ -41,6 +41,7 @@ async function submit(form, button) {
   form.removeAttribute("aria-busy");
   // A request without a response may have been executed: sent again unchanged, it has the same idempotency key.
   if (got.status) delete form.dataset.key;
+  if (got.status && !rehearsal) forgetPlan();
   if (rehearsal) keepPlan(form.dataset.action, asked, got.graph);
   if (got.problem) refused(form, got);
   else if (rehearsal) rehearsed(form, got.graph);

@@ -18,11 +18,14 @@ export function keepPlan(action, body, graph) {
   kept = plan && body ? { action, body, plan } : undefined;
 }
 
-/** Return the body with the plan of the latest dry run, if that was of the same request. It is used once. */
+/** Return the body with the plan of the latest dry run, if that was of the same request. */
 export function withPlan(action, body) {
-  const found = kept;
-  kept = undefined;
-  if (!found || found.action !== action || found.body !== body) return body;
+  if (!kept || kept.action !== action || kept.body !== body) return body;
   const root = body.slice(0, body.indexOf(" "));
-  return `${root} ${write({ kind: "iri", value: lf("plan") })} ${write(found.plan)} .\n${body}`;
+  return `${root} ${write({ kind: "iri", value: lf("plan") })} ${write(kept.plan)} .\n${body}`;
+}
+
+/** Forget the plan once it was answered: without an answer, the same request is sent again with the same key. */
+export function forgetPlan() {
+  kept = undefined;
 }

@@ -2,7 +2,7 @@
 
 import { outcome } from "./act.js";
 import { ghost } from "./ghost.js";
-import { keepPlan, withPlan } from "./kept_plan.js";
+import { forgetPlan, keepPlan, withPlan } from "./kept_plan.js";
 import { fresh, send } from "./request.js";
 import { positionsIn } from "./targets.js";
 import { follow } from "./tasks.js";
@@ -75,6 +75,7 @@ export class Motion {
     outcome.waiting(this.form);
     const headers = { Prefer: "return=representation", "Idempotency-Key": fresh() };
     const got = await send("POST", action, { body: withPlan(action, body), headers });
+    if (got.status) forgetPlan();
     this.form.removeAttribute("aria-busy");
     outcome.begun(this.form, got);
     if (got.problem) return false;
