@@ -49,7 +49,8 @@ _CHOSEN = {
         "fan_out": "Watched resources: `mark_changed`, `mark_robot_changed`, `add_resource`, listeners to watchers.",
         "link": "The link to agents: `ask_agent`.",
         "meshes": "Meshes of robots, from their agents.",
-        "add_listener": "", "remove_listener": "", "add_invocation_listener": "", "remove_invocation_listener": "",
+        "add_listener": "", "remove_listener": "", "add_value_listener": "", "remove_value_listener": "",
+        "add_invocation_listener": "", "remove_invocation_listener": "",
     },
     "Offer": dict.fromkeys(
         ("definition", "thing", "robot", "joint", "label", "path", "name", "methods", "takes_body", "is_stop"), ""

@@ -68,6 +68,8 @@ class Waiters:
 
 REPORT_TIMEOUT_S = 15.0
 """Time after the answer, or after a report of progress, in which an invocation must be reported again."""
+RESUME_TIMEOUT_S = 120.0
+"""The same of an operation with which another gateway goes on."""
 _FINAL_PROGRESS_S = 1.0  # the end of a motion may arrive after the answer to a stop
 _EXPIRY_INTERVAL_S = 1.0
 _PATIENCE = 3.0  # factor of the duration stated by the agent, after which a motion is given up
@@ -140,7 +142,8 @@ class Lifecycle:
 
     def report_operation(self, invocation: Invocation) -> None:
         """Tell all gateways how far an operation of this gateway is, and that it is carried on."""
-        invocation.deadline_ns = time.time_ns() + int(REPORT_TIMEOUT_S * 1e9)
+        patience_s = RESUME_TIMEOUT_S if invocation.resumes else REPORT_TIMEOUT_S
+        invocation.deadline_ns = time.time_ns() + int(patience_s * 1e9)
         self.replicated_state.save(invocation)
         self._announce(invocation)
 

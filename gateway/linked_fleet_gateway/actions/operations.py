@@ -41,12 +41,14 @@ class Operation:
     ``run`` carries it out. It calls ``Call.accept`` once nothing prevents it any more; an error before that refuses the
     request. It is cancelled by a client, by a stop of its robot, and when the gateway ends. ``rehearse``, if given,
     returns the duration instead, and raises the errors by which the caller is refused. It comes before ``run``, too,
-    and may take longer than ``run`` may before it accepts.
+    and may take longer than ``run`` may before it accepts. One that ``resumes`` does not end with its gateway: its
+    extension lets another gateway go on with it (``Core.resume``).
     """
 
     run: Callable[["Call"], Awaitable[None]]
     duration_s: float = 0.0
     rehearse: Callable[[Caller], Awaitable[float]] | None = None
+    resumes: bool = False
 
     async def takes_s(self, caller: Caller) -> float:
         """Return how long it would take. Raises the errors by which it would be refused."""
@@ -76,6 +78,11 @@ class Call:
     def client(self) -> str:
         """The displayed name of the caller."""
         return self._invocation.client
+
+    @property
+    def cancelling(self) -> str:
+        """Why somebody has asked to cancel it; empty if it is cancelled because the gateway ends."""
+        return self._invocation.cancelling
 
     def accept(self, duration_s: float = 0.0) -> None:
         """Accept the request, which is then answered. ``duration_s``: how long it is expected to take."""
@@ -133,6 +140,7 @@ class Operations:
             client=caller.name,
             body=caller.body,
             operation=True,
+            resumes=operation.resumes,
         )
         if is_stop:
             self._lifecycle.register(invocation)
@@ -144,6 +152,21 @@ class Operations:
         await self._start(invocation, operation, Call(invocation, self._lifecycle, caller), caller)
         return invocation
 
+    def resume(self, id: str, operation: Operation, caller: Caller) -> bool:
+        """Go on here with an operation that another gateway has accepted.
+
+        Return False if it has ended, is unknown, or goes on here already.
+        """
+        invocation = self._live.invocations.get(id)
+        if invocation is None or not invocation.operation or invocation.is_final or id in self._running:
+            return False
+        invocation.expired, invocation.ended_ns, started_ns = False, None, invocation.started_ns
+        call = Call(invocation, self._lifecycle, caller)
+        call.accept(invocation.duration_s or 0.0)
+        invocation.started_ns = started_ns or invocation.started_ns
+        self._begin(invocation, operation, call, caller, [])
+        return True
+
     async def check(self, robot: Robot | None, caller: Caller) -> None:
         """Check if an operation would be begun now, for its rehearsal. Raises the errors of ``Opening.check``."""
         await self._opening.check(FLEET if robot is None else robot.name, caller)
@@ -151,10 +174,7 @@ class Operations:
     async def _start(self, invocation: Invocation, operation: Operation, call: Call, caller: Caller) -> None:
         """Carry out an operation; return once it has accepted or has ended. Raises the error by which it refuses."""
         refusals = list[FleetError]()
-        run = self._run(call, invocation, operation, caller, refusals)
-        task = asyncio.create_task(run, name=f"operation {invocation.id}")
-        self._running[invocation.id] = task
-        task.add_done_callback(lambda _: self._running.pop(invocation.id, None))
+        task = self._begin(invocation, operation, call, caller, refusals)
         try:
             await call.begun.wait()
             async with asyncio.timeout(ANSWER_TIMEOUT_S):
@@ -165,17 +185,29 @@ class Operations:
         if refusals:
             raise refusals[0]
 
+    def _begin(
+        self, invocation: Invocation, operation: Operation, call: Call, caller: Caller, refusals: list[FleetError]
+    ) -> asyncio.Task[None]:
+        run = self._run(call, invocation, operation, caller, refusals)
+        task = asyncio.create_task(run, name=f"operation {invocation.id}")
+        self._running[invocation.id] = task
+        task.add_done_callback(lambda _: self._running.pop(invocation.id, None))
+        return task
+
     async def _run(
         self, call: Call, invocation: Invocation, operation: Operation, caller: Caller, refusals: list[FleetError]
     ) -> None:
         try:
             async with self._reporting(invocation):
-                call.expected_s = await operation.takes_s(caller)
+                if not call.answered.is_set():
+                    call.expected_s = await operation.takes_s(caller)
                 call.begun.set()
                 await operation.run(call)
             invocation.progress = 1.0
             self._lifecycle.end(invocation, InvocationState.SUCCEEDED, "")
         except asyncio.CancelledError:
+            if operation.resumes and call.answered.is_set() and not invocation.cancelling:
+                return  # another gateway goes on with it
             self._lifecycle.end(invocation, *self._cancelled(invocation, call))
         except FleetError as error:
             if not invocation.accepted:

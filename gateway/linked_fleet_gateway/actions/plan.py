@@ -14,7 +14,7 @@ from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
 from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.model import Joint, RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import ALL, View
+from linked_fleet_gateway.identity.rights import ALL, EVERYBODY, Identity, View
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.paths import joint_or_link, robot_path
 
@@ -152,6 +152,7 @@ class Caller(Struct, frozen=True):
     ``idempotency_key`` belongs to the request with ``request_digest``. ``body`` is the validated body as N-Triples.
     ``stoppable_robots`` are the robots that it may stop, ``visible_robots`` those that it may know of. ``rule`` is the
     rule that acts for its creator, or empty. ``patience_s`` is how long it waits for an answer, if it says so.
+    ``identity`` has its rights.
     """
 
     name: str = ""
@@ -163,6 +164,7 @@ class Caller(Struct, frozen=True):
     visible_robots: View = ALL
     rule: str = ""
     patience_s: float | None = None
+    identity: Identity = EVERYBODY
 
 
 def robot_time(robot: Robot | None) -> RobotTime | None:

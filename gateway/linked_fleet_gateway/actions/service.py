@@ -65,6 +65,7 @@ class Rehearsal:
     did not cover, each after its path. ``facts`` are further values, by name (SI). ``limited`` says why the guards
     reduce its speed. ``path`` is the one that was planned, and ``detour`` why it is not the direct one. ``closest`` is
     where guards found it closest to something. ``plan`` is the one that is kept for a request of this very motion.
+    ``things`` are what the findings depend on, each a predicate and a path.
     """
 
     duration_s: float
@@ -77,6 +78,7 @@ class Rehearsal:
     detour: str = ""
     closest: tuple[Closest, ...] = ()
     plan: KeptPlan | None = None
+    things: tuple[tuple[NamedNode, str], ...] = ()
 
 
 class Actions:
@@ -272,8 +274,10 @@ class Actions:
         links, facts, path = unchecked(findings), dict(motion.facts), motion.motion if motion.detour else None
         assert not isinstance(path, Move | Act)  # a planned path has waypoints
         near = tuple(each.closest for each in findings.values() if each.closest is not None)
+        things = tuple(each for finding in findings.values() for each in finding.things)
         kept = None if paths is None else await paths.keep(motion)
-        return Rehearsal(reply.duration_s, reply.preempts, free, links, facts, why, path, motion.detour, near, kept)
+        took_s, ends, why_planned = reply.duration_s, reply.preempts, motion.detour
+        return Rehearsal(took_s, ends, free, links, facts, why, path, why_planned, near, kept, things)
 
     async def _send(self, invocation: Invocation, command: Command | Operate) -> Reply:
         try:

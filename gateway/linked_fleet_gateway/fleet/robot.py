@@ -164,6 +164,11 @@ class Robot:
         return self._present.wall_ns
 
     @property
+    def received_ns(self) -> int | None:
+        """Gateway wall time at which the present frame came; None if there is none."""
+        return None if self._frame is None or self._present.payload is None else self._frame[1]
+
+    @property
     def payload(self) -> bytes | None:
         """The present frame as received."""
         return self._present.payload

@@ -3,6 +3,7 @@
 from collections.abc import Iterable
 
 from msgspec import Struct
+from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.fleet.closest import Closest
 
@@ -26,6 +27,7 @@ class Finding(Struct, frozen=True):
     ``unchecked`` are the links that the check did not cover, each after its path. The path is free for a drive at a
     ``speed_share`` of its speed, for the reason ``limited``, if that begins before ``until_ns`` of the robot's clock.
     ``closest`` is where a motion that is rehearsed comes closest to something.
+    ``things`` are what it depends on, each a predicate and a path, which rehearsals state.
     """
 
     free: bool
@@ -34,6 +36,7 @@ class Finding(Struct, frozen=True):
     limited: str = ""
     until_ns: int = 0
     closest: Closest | None = None
+    things: tuple[tuple[NamedNode, str], ...] = ()
 
 
 def in_words(links: Iterable[UncheckedLink]) -> str:

@@ -1,11 +1,11 @@
 """Writes of containers and their members."""
 
-from collections.abc import Callable
+from collections.abc import Awaitable, Callable, Sequence, Set
 from contextlib import suppress
 from functools import partial
 from typing import Any
 
-from pyoxigraph import Triple
+from pyoxigraph import BlankNode, NamedNode, Triple
 from starlette.responses import Response
 
 from linked_fleet_gateway.base.errors import Conflict, NotFound
@@ -13,11 +13,11 @@ from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import check_acceptable, created_response, read_change
-from linked_fleet_gateway.rdf.validation import ground_statements
+from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.validation import find_root, ground_statements, reachable_statements
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
-from linked_fleet_gateway.resources.body_values import managed_statements, validate_body
+from linked_fleet_gateway.resources.body_values import Body, managed_statements, validate_body
 from linked_fleet_gateway.resources.container import AddMember, ChangeMember, Container
-from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.resources.resource import Resource
 
 
@@ -27,7 +27,7 @@ async def add_member(request: Request, afforded: AddMember) -> Response:
     check_acceptable(request)
     iri = request.base + container.path
     triples = await _read(request, container, iri)
-    id = await container.records.add(container.read(validate_body(triples, container.shape, iri)))
+    id = await container.records.add(await _record(request, container, triples, iri))
     found = request.tree().resolve(container.member_path(id))
     if not isinstance(found, Resource):
         raise NotFound("It was deleted at once.")
@@ -45,7 +45,7 @@ async def change_member(request: Request, afforded: ChangeMember) -> Response:
             raise NotFound("It has been deleted meanwhile.")
         if request.method == "DELETE":
             await _end_actions(request, container, id)
-        if await container.records.change(id, change(present)):
+        if await container.records.change(id, await change(present)):
             return Response(status_code=204)
 
 
@@ -57,21 +57,52 @@ async def _end_actions(request: Request, container: Container[Any], id: str) -> 
             await actions.lifecycle.cancel(each, "what it acts on is deleted")
 
 
-async def _change(request: Request, container: Container[Any], iri: str) -> Callable[[Resource], Any]:
+async def _change(request: Request, container: Container[Any], iri: str) -> Callable[[Resource], Awaitable[Any]]:
     """Return a function from the present resource to the new record; None if the member is to be deleted."""
-    own = partial(managed_statements, shape=container.shape, iri=iri)
+
+    def own(description: Sequence[Triple]) -> list[Triple]:
+        shallow, _ = _apart(description, NamedNode(iri), container.deep)
+        return managed_statements(shallow, container.shape, iri)
+
     change = await read_change(request, iri, partial(_read, request, container, iri), own)
 
-    def record(present: Resource) -> Any:
+    async def record(present: Resource) -> Any:
         triples = change(present)
         if triples is None:
             return None
         seen = ground_statements(present.full_graph(request.base))
-        return container.read(validate_body(triples, container.shape, iri, seen))
+        return await _record(request, container, triples, iri, seen)
 
     return record
 
 
+async def _record(
+    request: Request,
+    container: Container[Any],
+    triples: Sequence[Triple],
+    iri: str,
+    seen: frozenset[Triple] = frozenset(),
+) -> Any:
+    """Return the record of a body. Raises UnprocessableContent, InsufficientScope."""
+    shallow, deep = _apart(triples, find_root(triples, NamedNode(iri)), container.deep)
+    body = validate_body(shallow, container.shape, iri, seen)
+    record = container.read(Body((*shallow, *deep), body.root) if deep else body)
+    await container.check(record, request.tree(), request.caller)
+    return record
+
+
+def _apart(
+    triples: Sequence[Triple], root: Node, predicates: Set[NamedNode]
+) -> tuple[Sequence[Triple], Sequence[Triple]]:
+    """Separate what the values of these predicates of the root lead to from all other statements."""
+    values = [each.object for each in triples if each.subject == root and each.predicate in predicates]
+    first = [each for each in values if isinstance(each, NamedNode | BlankNode)]
+    if not first:
+        return triples, ()
+    deep = set(reachable_statements([each for each in triples if each.subject != root], *first))
+    return [each for each in triples if each not in deep], [each for each in triples if each in deep]
+
+
 async def _read(request: Request, container: Container[Any], iri: str) -> list[Triple]:
-    media_type, form = body_type(request, FORM_TYPES), partial(form_of, container.shape)
+    media_type, form = body_type(request, FORM_TYPES), partial(container.form_at, iri)
     return await convert_body(request, lambda content: parse_form(content, media_type, iri, request.base, form))

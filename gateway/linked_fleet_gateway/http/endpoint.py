@@ -77,7 +77,7 @@ from linked_fleet_gateway.resources.affordance import (
     rights_to_read,
 )
 from linked_fleet_gateway.resources.branches import Branches, Found
-from linked_fleet_gateway.resources.container import AddMember, ChangeMember
+from linked_fleet_gateway.resources.container import AddMember, ChangeMember, RemoveMember
 from linked_fleet_gateway.resources.paths import owner_path, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.subscription_resource import container_path
@@ -399,6 +399,7 @@ _WRITERS: dict[type, Writer] = {
     ResumeSubscription: resume_subscription,
     AddMember: add_member,
     ChangeMember: change_member,
+    RemoveMember: change_member,
 }
 
 

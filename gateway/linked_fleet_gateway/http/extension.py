@@ -13,8 +13,10 @@ from pyoxigraph import NamedNode, Triple
 from starlette.types import ASGIApp
 
 from linked_fleet_gateway.actions.action_handlers import Handler
+from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.execution import invoke
 from linked_fleet_gateway.actions.guards import MotionGuard, MotionPlanner
+from linked_fleet_gateway.actions.operations import Operation
 from linked_fleet_gateway.actions.plan import Caller, RobotTime
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.faults import Faults
@@ -48,6 +50,14 @@ Reader = Callable[[Request, Resource, Any], Awaitable[ASGIApp]]
 Writer = Callable[[Request, Any], Awaitable[ASGIApp]]
 """Answers other methods of a resource; the last argument is its ``affords``."""
 T = TypeVar("T")
+
+
+def _statements(offer: Offer, base: str, given: Json) -> Sequence[Triple]:
+    """Return the JSON form of an input as statements. Raises UnprocessableContent."""
+    from linked_fleet_gateway.resources.json_form import form_of_input
+
+    form, iri = partial(form_of_input, offer, base), base + offer.path
+    return parse_form(msgspec.json.encode(given), JSON, iri, base, form)
 
 
 @dataclass(frozen=True)
@@ -151,15 +161,26 @@ class Core:
         """
         return await invoke(self.actions, offer, base, caller, statements, moment)
 
+    def resume(self, id: str, operation: Operation, caller: Caller) -> bool:
+        """Go on here with an operation that ``resumes``, whose gateway has gone.
+
+        Return False if the invocation has ended, is not known, or goes on here already.
+        """
+        return self.actions.operations.resume(id, operation, caller)
+
     async def invoke_json(
         self, offer: Offer, base: str, caller: Caller, given: Json, moment: RobotTime | None = None
     ) -> Invocation:
         """Invoke an action by the JSON form of its input, as ``invoke`` does."""
-        from linked_fleet_gateway.resources.json_form import form_of_input
+        return await self.invoke(offer, base, caller, _statements(offer, base, given), moment)
 
-        form, iri = partial(form_of_input, offer, base), base + offer.path
-        statements = parse_form(msgspec.json.encode(given), JSON, iri, base, form)
-        return await self.invoke(offer, base, caller, statements, moment)
+    def check_input(self, offer: Offer, base: str, statements: Sequence[Triple]) -> None:
+        """Check the input of an action as ``invoke`` does. Raises UnprocessableContent."""
+        validate_action_body(offer, statements, base)
+
+    def check_json_input(self, offer: Offer, base: str, given: Json) -> None:
+        """Check the input of an action as ``invoke_json`` does. Raises UnprocessableContent."""
+        validate_action_body(offer, _statements(offer, base, given), base)
 
     @contextmanager
     def listening_to_requests(self, listener: Callable[[RequestEvent], None]) -> Iterator[None]:
@@ -369,6 +390,10 @@ class Extension:
     placements: ClassVar[tuple[Callable[[Robot], Pose | None], ...]] = ()
     """Functions from a robot to the pose of its own frame in a common one, None if unknown. Poses of other things:
     ``FleetBranch.poses``."""
+    component_things: ClassVar[Mapping[tuple[str, str], Mapping[str, tuple[str, str]]]] = {}
+    """Members that name things, added to the inputs of actions of components that move something: by kind (IRI) and
+    action the predicate (IRI) and the description of each member. Guards see them, robots do not.
+    """
     link_statements: ClassVar[tuple[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]], ...]] = ()
     """Further statements about links: functions of robot and link, which return predicates and paths."""
     functions: ClassVar[tuple[type[FleetFunctions], ...]] = ()

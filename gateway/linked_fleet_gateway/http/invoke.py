@@ -126,6 +126,7 @@ def _action_caller(request: Request, admitted: "_Admitted", patience_s: float | 
         admitted.written,
         visible_robots=request.caller.visible_robots,
         patience_s=patience_s,
+        identity=request.caller,
     )
 
 
@@ -309,6 +310,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, 
             rehearsed.detour,
             rehearsed.closest,
             rehearsed.plan,
+            rehearsed.things,
         )
 
     def plain() -> bytes:

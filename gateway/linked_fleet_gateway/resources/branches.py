@@ -12,6 +12,7 @@ from msgspec import Struct, field
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.base.faults import Faults
+from linked_fleet_gateway.fleet.carried import CarriedPose
 from linked_fleet_gateway.fleet.model import Joint, Link, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.identity.rights import Identity, Right, View
@@ -57,8 +58,8 @@ class FleetBranch:
 
     Blank node labels must be unique among all branches that describe the same path.
     """
-    poses: Callable[[], Mapping[str, Pose]] | None = None
-    """Poses of its resources in the common frame of robots, by path."""
+    poses: Callable[[], Mapping[str, Pose | CarriedPose]] | None = None
+    """Poses of its resources in the common frame of robots, or on links that carry them, by path."""
     container: Any = None
     """The ``Container`` that the resources are of, if the core answers its writes; else None."""
     link: tuple[str, str] | None = None
@@ -155,8 +156,8 @@ class Branches:
         """The containers whose writes the core answers."""
         return [each.container for each in self.fleet_branches if each.container is not None]
 
-    def poses(self) -> dict[str, Pose]:
-        """Poses of resources of branches in the frame that robots have in common, by path."""
+    def poses(self) -> dict[str, Pose | CarriedPose]:
+        """Poses of resources of branches in the frame that robots have in common, or on links, by path."""
         return {path: pose for each in self.fleet_branches if each.poses for path, pose in each.poses().items()}
 
     @cached_property

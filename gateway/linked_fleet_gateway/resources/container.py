@@ -1,26 +1,36 @@
 """Containers of records that clients create, replace and delete, and that all gateways share (LDP 1.0, 5.2). Pure."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.fleet.invocations import Invocation
-from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_gateway.identity.rights import Identity, Right, View
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF
+from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS
 from linked_fleet_gateway.resources.action_offer import Offer, offers_of
 from linked_fleet_gateway.resources.action_tree import resolve_action
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
+from linked_fleet_gateway.resources.form import Form
+from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 
+if TYPE_CHECKING:
+    from linked_fleet_gateway.resources.tree import Tree
+
 T = TypeVar("T")
 _BLUEPRINT = "blueprint"
+
+
+async def _accept(record: object, tree: "Tree", caller: Identity) -> None:
+    """Let clients write what its shape allows."""
 
 
 class Records(Protocol[T]):
@@ -67,10 +77,29 @@ class Container(Generic[T]):
     """Rights, one of which is needed to create, replace and delete members."""
     reading: tuple[Right, ...] = (Right.READ,)
     """Rights, one of which is needed to read the container and its members."""
+    deep: Set[NamedNode] = frozenset()
+    """Predicates of a member whose values ``read`` judges itself, with all that these lead to: no shape does."""
+    form: "Callable[[str], Form] | None" = None
+    """Returns the JSON form of bodies for an IRI, if that is not the form of ``shape``."""
+    json: "Callable[[Member[T]], bytes] | None" = None
+    """Returns the JSON document of a member, likewise."""
+    check: "Callable[[T, Tree, Identity], Awaitable[None]]" = _accept
+    """Checks what a client writes against the fleet as it sees it. Raises UnprocessableContent, InsufficientScope."""
+    actions: "Callable[[Member[T]], Sequence[Offer]]" = lambda member: ()
+    """Returns further actions of a member, which are no kinds of their own."""
+    visible: "Callable[[T, View], bool] | None" = None
+    """Returns whether a caller who sees these robots sees a member; everybody does by default. With it the members are
+    not in queries."""
+    by_clients: bool = True
+    """False if actions create and change the members, and clients only read and delete them."""
 
     @property
     def path(self) -> str:
         return "/" + self.segment
+
+    def form_at(self, iri: str) -> Form:
+        """Return the JSON form of a body for an IRI."""
+        return form_of(self.shape) if self.form is None else self.form(iri)
 
     def member_path(self, id: str) -> str:
         return f"{self.path}/{id}"
@@ -86,19 +115,23 @@ class Container(Generic[T]):
 
     def _graphs(self) -> "Callable[[RequestView], Iterator[tuple[str, Sequence[Triple]]]] | None":
         """Return the statements for copies of the fleet; None if not everybody who reads the fleet may read them."""
-        return self._all if self.reading == (Right.READ,) else None
+        return self._all if self.reading == (Right.READ,) and self.visible is None else None
 
     def _all(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
         yield self.path, self._whole(view).full_graph(view.base).triples
 
     def members(self, view: RequestView) -> "list[Member[T]]":
         """Return the members, in an order that is the same at all gateways."""
-        return [Member(self, view, id, record) for id, record in sorted(self.records.known.items())]
+        known = sorted(self.records.known.items())
+        return [Member(self, view, id, record) for id, record in known if self._is_visible(record, view)]
+
+    def _is_visible(self, record: T, view: RequestView) -> bool:
+        return self.visible is None or self.visible(record, view.visible_robots)
 
     def member(self, view: RequestView, id: str) -> "Member[T] | None":
         """Return the member with this id; None if there is none."""
         record = self.records.known.get(id)
-        return None if record is None else Member(self, view, id, record)
+        return None if record is None or not self._is_visible(record, view) else Member(self, view, id, record)
 
     def _resolve(self, view: RequestView, rest: list[str]) -> Found:
         if not rest:
@@ -116,16 +149,18 @@ class Container(Generic[T]):
             CONTAINER,
             Source(lambda: [each.facts for each in self.members(view)]),
             own_paths=(f"{self.path}/{_BLUEPRINT}",),
-            part_paths=tuple(map(self.member_path, sorted(self.records.known))),
-            affords=AddMember(self),
+            part_paths=tuple(each.path for each in self.members(view)),
+            affords=AddMember(self) if self.by_clients else None,
         )
 
     def _describe(self, graph: Graph, view: RequestView) -> None:
         iri = view.iri(self.path)
         graph.a(iri, self.type, LDP.BasicContainer, LDP.Container)
         graph.add(iri, DCTERMS.title, Literal(self.title))
+        graph.add(iri, RDFS.seeAlso, view.iri("/"))
         graph.add(iri, HYBRIT.blueprint, NamedNode(f"{iri.value}/{_BLUEPRINT}"))
-        graph.add(iri, HYBRIT.consumes, self.shape)
+        if self.by_clients:
+            graph.add(iri, HYBRIT.consumes, self.shape)
         for each in self.members(view):
             graph.add(iri, LDP.contains, each.iri)
             each.describe(graph)
@@ -160,7 +195,8 @@ class Member(Generic[T]):
 
     def offers(self, segment: str | None = None) -> list[Offer]:
         """Return its actions, or only the one with the segment."""
-        return self.container.offers(self.path, self.title, segment)
+        own = [each for each in self.container.actions(self) if segment in (None, each.definition.segment)]
+        return [*self.container.offers(self.path, self.title, segment), *own]
 
     @property
     def title(self) -> str:
@@ -192,14 +228,17 @@ class Member(Generic[T]):
             self._describe_alone,
             source=Source(facts),
             own_paths=(f"{self.path}/{_BLUEPRINT}", *(each.path for each in self.offers())),
-            affords=ChangeMember(container, id),
+            affords=ChangeMember(container, id) if container.by_clients else RemoveMember(container, id),
         )
+        if (write := container.json) is not None:
+            return resource.replace(documents={**resource.documents, JSON: lambda: write(self)})
         return add_plain_json(resource, container.shape, view.base)
 
     def _describe_alone(self, graph: Graph) -> None:
         self.describe(graph)
         graph.add(self.iri, HYBRIT.blueprint, NamedNode(f"{self.iri.value}/{_BLUEPRINT}"))
-        graph.add(self.iri, HYBRIT.consumes, self.container.shape)
+        if self.container.by_clients:
+            graph.add(self.iri, HYBRIT.consumes, self.container.shape)
 
     def resolve(self, rest: list[str]) -> Found:
         """Return the resource at the segments below its path."""
@@ -244,3 +283,10 @@ class ChangeMember(_OfContainer):
 
     id: str
     methods: ClassVar[tuple[str, ...]] = ("PUT", "PATCH", "DELETE")
+
+
+@dataclass(frozen=True)
+class RemoveMember(ChangeMember):
+    """Delete a member of a container that clients do not write."""
+
+    methods: ClassVar[tuple[str, ...]] = ("DELETE",)

@@ -120,13 +120,15 @@ def describe_rehearsal(
     detour: str = "",
     closest: Iterable[Closest] = (),
     plan: KeptPlan | None = None,
+    things: Iterable[tuple[NamedNode, str]] = (),
 ) -> None:
     """Describe the effect that the action would have, for the preference ``dry-run``.
 
     ``findings``: whether the guards of motions found the path free, by their predicates; False if it is unknown.
     ``unchecked``: the links that they did not cover. ``limited``: why they reduce its speed.
     ``path`` is a path that was planned, and ``detour`` why it is not the direct one. ``closest``: where it comes
-    closest to something. ``plan`` is kept for a request of this very motion.
+    closest to something. ``plan`` is kept for a request of this very motion. ``things`` are what the
+    findings depend on, by predicate and path.
     """
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
@@ -137,6 +139,8 @@ def describe_rehearsal(
         graph.scalar(iri, predicate, value, unit)
     for predicate, free in findings.items():
         graph.add(iri, predicate, Literal(True) if free else LF.unknown)
+    for predicate, path_of in things:
+        graph.add(iri, predicate, NamedNode(base + path_of))
     _add_limit(graph, iri, limited, detour)
     if plan is not None:
         graph.add(iri, LF.plan, Literal(plan.id))

@@ -7,6 +7,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_agent.planar import DriveLimits
 from linked_fleet_gateway.fleet.driving import FollowedPath
+from linked_fleet_gateway.fleet.gripper import Gripper
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
@@ -80,6 +81,10 @@ class RobotPart(Protocol):
     @property
     def drive_limits(self) -> DriveLimits | None:
         """The limits of a base; None if it does not say how it brakes."""
+
+    @property
+    def gripper(self) -> Gripper | None:
+        """What a gripper says; None if it is no gripper."""
 
     def properties(self, base: str) -> "Sequence[Property]":
         """Return its properties under a base URL."""

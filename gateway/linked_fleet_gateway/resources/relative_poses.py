@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.fleet.kinematics import compose, inverse
+from linked_fleet_gateway.fleet.carried import CarriedPose
+from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose, inverse
 from linked_fleet_gateway.fleet.model import Joint, Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.joint_kinds import POSE_RESOLUTION
@@ -38,12 +39,13 @@ class RelativePose:
 class _Place:
     """A thing with a frame: its pose in the frame of its robot, or in the common frame if it has none.
 
-    ``link`` is the link of the robot, empty for other things.
+    ``link`` is the link of the robot, empty for other things, and ``on_link`` the pose in the frame of that.
     """
 
     robot: Robot | None
     pose: Pose | None
     link: str = ""
+    on_link: Pose = ORIGIN
 
     @property
     def in_common(self) -> Pose | None:
@@ -55,12 +57,12 @@ class _Place:
 
 
 def relative_pose(
-    thing: str, frame: str, robots: Mapping[str, Robot], common_poses: Mapping[str, Pose]
+    thing: str, frame: str, robots: Mapping[str, Robot], common_poses: Mapping[str, Pose | CarriedPose]
 ) -> RelativePose:
     """Return the pose of ``thing`` in ``frame``, paths of a robot, a link or a thing in ``common_poses``.
 
-    ``common_poses``: poses of other things in the common frame, by path. Parts of one robot need no placement. The time
-    is that of the older frame. Raises LookupError naming an unknown path.
+    ``common_poses``: poses of other things in the common frame, or on links, by path. Parts of one robot, and what its
+    links carry, need no placement. The time is that of the older frame. Raises LookupError naming an unknown path.
     """
     what, where = _place(thing, robots, common_poses), _place(frame, robots, common_poses)
     frames = [each.robot.frame for each in (what, where) if each.robot is not None]
@@ -73,19 +75,28 @@ def relative_pose(
 def _between(what: _Place, where: _Place) -> Pose | None:
     robot, other = what.robot, where.robot
     if robot is not None and robot is other:
-        return robot.pose_between(where.link, what.link)
+        between = robot.pose_between(where.link, what.link)
+        return None if between is None else compose(inverse(where.on_link), compose(between, what.on_link))
     pose, frame = what.in_common, where.in_common
     return None if pose is None or frame is None else compose(inverse(frame), pose)
 
 
-def _place(path: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> _Place:
-    if path in common:
-        return _Place(None, common[path])
+def _place(path: str, robots: Mapping[str, Robot], common: Mapping[str, Pose | CarriedPose]) -> _Place:
+    if (found := common.get(path)) is not None:
+        return _Place(None, found) if isinstance(found, Pose) else _carried(found, robots)
     robot, part = thing_at(path, robots) or thing_at(path + "/", robots) or (None, None)
     if robot is None or robot.model is None or isinstance(part, Joint):
         raise LookupError(path)
     link = robot.model.root if part is None else part.name
     return _Place(robot, robot.link_pose(link), link)
+
+
+def _carried(on: CarriedPose, robots: Mapping[str, Robot]) -> _Place:
+    robot = robots.get(on.robot)
+    if robot is None or robot.model is None or on.link not in robot.model.links:
+        return _Place(None, None)
+    link = robot.link_pose(on.link)
+    return _Place(robot, None if link is None else compose(link, on.pose), on.link, on.pose)
 
 
 def _rounded(pose: Pose) -> Pose:

@@ -7,9 +7,9 @@ during a turn are not queued: their resources are only marked, and read in a lat
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, KeysView
+from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping
 from functools import partial
-from typing import Protocol
+from typing import Any, Protocol
 
 from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.paths import is_below, robot_of
@@ -53,6 +53,8 @@ class FanOut:
         self.listeners: dict[Callable[[str | None], None], Callable[[Exception], None]] = {}
         """Called at every change: with the robot's name for a frame, with None for anything else. Each has a function
         that notes its errors."""
+        self.value_listeners: dict[Callable[[str], None], Callable[[Exception], None]] = {}
+        """Called with the name of a robot of which values have changed that no frame has, as those of components."""
         self.messages_rendered = self.messages_sent = self.messages_conflated = 0
         # Called for each watcher; extensions use them, for example to request pictures from a camera.
         self.on_watcher_added: Callable[[Watcher], None] = lambda watcher: None
@@ -111,7 +113,7 @@ class FanOut:
 
     def mark_moved(self, robot: str) -> None:
         """Mark the resources that a frame of a robot can have changed."""
-        self._tell_listeners(robot)
+        _tell(self.listeners, robot)
         topics = self._of_robot.get(robot)
         if topics:
             for topic in topics:
@@ -121,7 +123,7 @@ class FanOut:
 
     def mark_robot_changed(self, robot: str) -> None:
         """Mark a robot whose presence, description or fault changed."""
-        self._tell_listeners(None)
+        _tell(self.listeners, None)
         for watcher in list(self._absent):
             if robot_of(watcher.subscription.resource) in (robot, None):
                 self._find(watcher)
@@ -134,7 +136,7 @@ class FanOut:
 
     def mark_changed(self, *paths: str) -> None:
         """Mark resources as changed."""
-        self._tell_listeners(None)
+        _tell(self.listeners, None)
         for watcher in [each for each in self._absent if each.subscription.resource in paths]:
             self._find(watcher)
         for path in paths:
@@ -144,7 +146,8 @@ class FanOut:
 
     def mark_values_changed(self, robot: str, *paths: str) -> None:
         """Mark resources of a robot of which values have changed, which no frame has."""
-        self._tell_listeners(robot)
+        _tell(self.listeners, robot)
+        _tell(self.value_listeners, robot)
         for path in paths:
             for topic in self._topics.get(path, {}).values():
                 self._dirty[topic] = max(Again.READ, self._dirty.get(topic, Again.READ))
@@ -152,20 +155,13 @@ class FanOut:
 
     def add_resource(self, path: str) -> None:
         """Add a new resource to the watchers of the subtrees that cover it."""
-        self._tell_listeners(None)
+        _tell(self.listeners, None)
         for watcher in self._subtrees:
             subscription = watcher.subscription
             if is_below(path, subscription.resource) and path not in watcher.topics:
                 resource = self._resolve(path, subscription)
                 if resource is not None:
                     self._join(watcher, resource, values=True)
-
-    def _tell_listeners(self, robot: str | None) -> None:
-        for hear, note in list(self.listeners.items()):
-            try:
-                hear(robot)
-            except Exception as error:  # noqa: BLE001 - of an extension: the others, and subscribers, hear of the change
-                note(error)
 
     # -- for watchers -----------------------------------------------------------------------------------------------
 
@@ -368,3 +364,12 @@ class FanOut:
                 self.unwatch(watcher, path)
         if watcher.subscription.resource not in covered:
             self._lose(watcher)
+
+
+def _tell(listeners: Mapping[Any, Callable[[Exception], None]], robot: str | None) -> None:
+    """Call the listeners with the name of a robot, or None."""
+    for hear, note in list(listeners.items()):
+        try:
+            hear(robot)
+        except Exception as error:  # noqa: BLE001 - of an extension: the others, and subscribers, hear of the change
+            note(error)

@@ -180,6 +180,15 @@ class Live:
         self.fan_out.listeners.pop(listener, None)
         self.fleet.frames.has_listeners = bool(self.fan_out.listeners)
 
+    def add_value_listener(self, listener: Callable[[str], None]) -> None:
+        """Call ``listener`` with the name of a robot whenever values of it have changed that come in no frame."""
+        name = name_of(listener)
+        self.fan_out.value_listeners[listener] = lambda error: self.faults.note("listeners", error, thing=name)
+
+    def remove_value_listener(self, listener: Callable[[str], None]) -> None:
+        """Remove a listener; does nothing if it is not registered."""
+        self.fan_out.value_listeners.pop(listener, None)
+
     def add_invocation_listener(self, listener: Callable[[Invocation], None]) -> None:
         """Call ``listener`` whenever a field of an invocation changes, and once more when it is forgotten.
 

@@ -115,7 +115,7 @@ def test_a_built_in_extension_whose_package_is_not_installed_is_off(monkeypatch:
         (("--extensions-off", "world,sun"), "LINKED_FLEET_EXTENSIONS_OFF is of audit, .*, world, not sun$"),
         (
             ("--extensions-off", "query"),
-            "LINKED_FLEET_EXTENSIONS_OFF names query, which rules needs: switch rules off as",
+            "LINKED_FLEET_EXTENSIONS_OFF names query, which missions needs: switch missions off as",
         ),
         (("--extensions", "world"), "LINKED_FLEET_EXTENSIONS is of extensions of other packages; world is built in"),
         (("--extensions", "sun"), "LINKED_FLEET_EXTENSIONS names 'sun', which no installed packages have; .*: none"),
@@ -131,7 +131,7 @@ def test_a_foreign_extension_is_loaded_only_if_it_is_named(package: Package) -> 
     assert "gripper" not in names()
     assert "gripper" in names("--extensions", "gripper")
     with pytest.raises(ValueError, match="names query, which gripper needs"):
-        names("--extensions", "gripper", "--extensions-off", "query,rules")
+        names("--extensions", "gripper", "--extensions-off", "query,rules,missions")
     with pytest.raises(ValueError, match=r"names 'hand', which no installed packages have; .*: gripper$"):
         names("--extensions", "hand")
     with pytest.raises(ValueError, match="ACME_FORCE_N is a whole number from 1 to 100, not '0'"):

@@ -6,6 +6,7 @@ import pytest
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.actions.action_handlers import HANDLERS
+from linked_fleet_gateway.extensions.missions.terms import LF as MISSION_LF
 from linked_fleet_gateway.extensions.navigation.drive_to import LF as NAVIGATION_LF
 from linked_fleet_gateway.extensions.reach.can_reach import LF
 from linked_fleet_gateway.extensions.world.placement import LF as WORLD_LF
@@ -102,6 +103,7 @@ def test_each_kind_of_action_has_a_file_and_a_handler() -> None:
         WORLD_LF.Relocalise,
         NAVIGATION_LF.DriveTo,
         NAVIGATION_LF.DriveNear,
+        *(MISSION_LF.terms[each] for each in ("PauseRun", "ResumeRun", "RetryStep", "SkipStep", "AnswerStep")),
     }
     for one in action_definitions():
         assert not any(

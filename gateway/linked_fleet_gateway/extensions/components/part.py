@@ -27,6 +27,7 @@ from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.extensions.components.values import add_members, add_value
 from linked_fleet_gateway.faces import Json, Offer, PartCopier, Property, joint_path, link_path, part_path, robot_path
 from linked_fleet_gateway.fleet.driving import FollowedPath
+from linked_fleet_gateway.fleet.gripper import Gripper
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.fleet.robot import Robot
@@ -36,7 +37,7 @@ from linked_fleet_gateway.rdf.vocabulary import RDF, RDFS, SOSA
 _RESERVED = ("actions", "blueprint", "linkset", "subscriptions")
 """Segments below a component that are no properties of it."""
 _EVENT_MARK = "~event"
-_BATTERY = LF.extended("Battery").Battery.value
+_BATTERY, _GRIPPER = LF.extended("Battery").Battery.value, LF.extended("Gripper").Gripper.value
 _JSON = RDF.extended("JSON").JSON
 _BASES = 16
 _COUNTS = ("applied", "late", "reordered", "future", "invalid")
@@ -97,6 +98,18 @@ class ComponentPart:
     @property
     def drive_limits(self) -> DriveLimits | None:
         return bases.drive_limits(self.state) if bases.is_base(self.declared) and self.is_current else None
+
+    @property
+    def gripper(self) -> Gripper | None:
+        if self.declared.semantic_type != _GRIPPER:
+            return None
+        joints = dict.fromkeys(each for name in ("grasp", "open") for each in self.declared.actions[name].moves)
+        if not self.is_current:
+            return Gripper(tuple(joints), self.declared.link)
+        state, lost = self.state, self.state.events.get("lost")
+        since_ns = state.times_ns.get("holding", 0)
+        lost_ns = 0 if lost is None else lost.wall_ns
+        return Gripper(tuple(joints), self.declared.link, state.value("holding"), since_ns, lost_ns)
 
     @property
     def shapes(self) -> Sequence[NamedNode]:

@@ -13,6 +13,7 @@ from linked_fleet_gateway.extensions.components.bases import drive_limits, is_ba
 from linked_fleet_gateway.extensions.components.hand_declaration import JOG_HAND, JOG_JOINTS, JOGGING
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer, InputBody
 from linked_fleet_gateway.extensions.components.part import ComponentPart
+from linked_fleet_gateway.extensions.components.things import without_things
 from linked_fleet_gateway.fleet.driving import Drive
 from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.serving import Act
@@ -69,7 +70,7 @@ def _motion(offer: ComponentOffer, action: str, request: ActionRequest, value: M
     declared = offer.declared
     act = Act(
         offer.part.name,
-        msgspec.json.encode(value),
+        msgspec.json.encode(without_things(declared, value)),
         action,
         offer.of_property,
         () if declared is None else declared.moves,
@@ -77,7 +78,7 @@ def _motion(offer: ComponentOffer, action: str, request: ActionRequest, value: M
         drive=drive_of(offer.part, action, value),
         path=way_of(offer.part.state, action, value),
     )
-    return Motion(request.required_robot(), act, {}, request.required_time())
+    return Motion(request.required_robot(), act, {}, request.required_time(), request=request)
 
 
 def stream(offer: ComponentOffer, request: ActionRequest) -> Motion:

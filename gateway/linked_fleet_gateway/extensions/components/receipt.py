@@ -20,6 +20,7 @@ from linked_fleet_gateway.api import Core, Robot, RobotModel, cancel_tasks
 from linked_fleet_gateway.extensions.components.hand_declaration import with_hand
 from linked_fleet_gateway.extensions.components.part import ComponentPart, parts_from
 from linked_fleet_gateway.extensions.components.state import Change, RobotState
+from linked_fleet_gateway.extensions.components.things import with_things
 from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
 from linked_fleet_gateway.serving import NoAnswer
 
@@ -104,7 +105,8 @@ class Receipt:
         components, refused = await asyncio.to_thread(read_declarations, declared, model.links, model.joints)
         if robot.model is not model or robot.incarnation is None:
             return  # it has described itself anew meanwhile
-        components = with_hand(components, model)
+        added = (each.component_things for each in self._core.extensions)
+        components = with_things(with_hand(components, model), added)
         state = RobotState(components, robot.incarnation)
         parts = parts_from(robot, model, components, state)
         self._known[robot.name] = _Known(source, state, {each.name: each for each in parts.values()})

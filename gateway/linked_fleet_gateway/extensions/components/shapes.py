@@ -20,6 +20,7 @@ from linked_fleet_gateway.extensions.components.limits import (
     stated_range,
 )
 from linked_fleet_gateway.extensions.components.places import Place
+from linked_fleet_gateway.extensions.components.things import ThingSchema
 from linked_fleet_gateway.extensions.components.units import accepted_units, declared_unit
 from linked_fleet_gateway.rdf.graph import UNITLESS, Graph, Node, Term, Unit, integer
 from linked_fleet_gateway.rdf.validation import COMMON_TYPES
@@ -106,7 +107,9 @@ class ShapeWriter:
 
     def _text(self, node: Node, schema: Schema) -> None:
         graph = self._graph
-        if schema.type == "boolean":
+        if isinstance(schema, ThingSchema):
+            graph.add(node, SH.nodeKind, SH.IRI)
+        elif schema.type == "boolean":
             graph.add(node, SH.datatype, XSD.boolean)
         else:
             graph.add(node, SH.datatype, XSD.string)

@@ -10,7 +10,8 @@ from typing import Any
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.schema import MAX_NUMBER, Schema
-from linked_fleet_gateway.extensions.components.places import Place, member_iri, place_of
+from linked_fleet_gateway.extensions.components.places import Place, is_iri, member_iri, place_of
+from linked_fleet_gateway.extensions.components.things import ThingSchema
 from linked_fleet_gateway.extensions.components.units import declared_unit, in_declared_unit
 from linked_fleet_gateway.rdf.graph import Graph, Node, Term, integer, number
 from linked_fleet_gateway.rdf.vocabulary import LF, MATHS, RDF, VOM, XSD
@@ -37,7 +38,8 @@ def _term(graph: Graph, place: Place, value: object) -> Term:
     if isinstance(value, int | float) or (value is None and place.schema.type in ("number", "integer")):
         return _scalar(graph, place.schema, value)
     if isinstance(value, str):
-        return Literal(value)
+        names = isinstance(place.schema, ThingSchema) and is_iri(value)
+        return NamedNode(value) if names else Literal(value)
     if isinstance(value, list | tuple):
         return graph.collection([_term(graph, place.items or place, each) for each in value])
     if isinstance(value, Mapping):

@@ -177,10 +177,18 @@ class Hub:
                 session.told[channel.id] = state
 
     def _scene_content(self) -> bytes:
-        objects = self._world.objects.known if self._world is not None else {}
+        objects = self._objects()
         if not self._scene[1] or self._scene[0] != objects:
             self._scene = dict(objects), messages.scene(objects, time.time_ns())
         return self._scene[1]
+
+    def _objects(self) -> dict[str, SceneObject]:
+        """Return the objects of the world, without what a robot holds that not all clients may know of."""
+        known = self._world.objects.known if self._world is not None else {}
+        return {id: each for id, each in known.items() if each.held is None or self._all_see(each.held.robot)}
+
+    def _all_see(self, robot: str) -> bool:
+        return all(session.sees(robot) for session in self._sessions)
 
     async def _draw_floor(self) -> None:
         """Encode the map of the floor if it has changed."""

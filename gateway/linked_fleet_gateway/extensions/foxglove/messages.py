@@ -109,22 +109,24 @@ def event(robot: str, invocation: Invocation, stamp_ns: int) -> bytes:
 
 
 def scene(objects: Mapping[str, SceneObject], stamp_ns: int) -> bytes:
-    """Return all objects and zones, replacing those before."""
+    """Return all objects and zones, replacing those before. What a link of a robot holds moves with its frame."""
     stamp, room, entities = stamp_of(stamp_ns), MESH_BYTES, list[fox.SceneEntity]()
     for id, thing in objects.items():
         size = len(thing.geometry.stl) if isinstance(thing.geometry, TriangleMesh) else 0
         if size <= room:
             room -= size
             said = _pairs({"title": thing.title, "kind": thing.kind})
-            entity = fox.SceneEntity(timestamp=stamp, frame_id=WORLD_FRAME, id=id, metadata=said, **_primitives(thing))
-            entities.append(entity)
+            frame = WORLD_FRAME if thing.held is None else f"{thing.held.robot}/{thing.held.link}"
+            more = {"frame_id": frame, "frame_locked": thing.held is not None, **_primitives(thing)}
+            entities.append(fox.SceneEntity(timestamp=stamp, id=id, metadata=said, **more))
     gone = fox.SceneEntityDeletion(timestamp=stamp, type=fox.SceneEntityDeletionType.All)
     return fox.SceneUpdate(deletions=[gone], entities=entities).encode()
 
 
 def _primitives(thing: SceneObject) -> dict[str, Any]:
     (r, g, b, a), form = _COLORS[thing.kind], thing.geometry
-    look: dict[str, Any] = {"pose": _pose(thing.pose), "color": fox.Color(r=r, g=g, b=b, a=a)}
+    place = thing.pose if thing.held is None else thing.held.pose
+    look: dict[str, Any] = {"pose": _pose(place), "color": fox.Color(r=r, g=g, b=b, a=a)}
     match form:
         case Box():
             return {"cubes": [fox.CubePrimitive(size=_vector(form.size_m), **look)]}

@@ -47,6 +47,10 @@ class Session:
         self._under_way = set[tuple[int, int]]()
         self._setting = asyncio.Lock()
 
+    def sees(self, robot: str) -> bool:
+        """Return True if the client may know of a robot."""
+        return may_see(self._caller, robot)
+
     async def run(self) -> None:
         """Serve the client until it disconnects. Raises ConnectionEnded."""
         info = {"name": "Linked Fleet", "capabilities": protocol.CAPABILITIES, "supportedEncodings": [protocol.JSON]}

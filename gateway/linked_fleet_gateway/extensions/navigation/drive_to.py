@@ -168,7 +168,7 @@ class DriveTo:
 
     def _obstacle_of(self, path: str) -> str:
         found = thing_at(path, self._core.robots)
-        return path if found is None else found[0].name
+        return self._world.holder_of(path) or path if found is None else found[0].name
 
     async def _first_way(self, trip: Trip, base: str) -> Way | None:
         try:

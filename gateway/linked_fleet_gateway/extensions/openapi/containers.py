@@ -12,23 +12,30 @@ from linked_fleet_gateway.extensions.openapi.operations import (
     resource_path_items,
     write_operation,
 )
-from linked_fleet_gateway.faces import Json, form_of
+from linked_fleet_gateway.faces import Json
 from linked_fleet_gateway.rdf.serialise import JSON
 
 
 def container_operations(container: Container[Any]) -> dict[str, Json]:
     """Return the path items (OpenAPI 3.1, 4.8.9) of a container and its members."""
     name = container.member_type.value.rpartition("#")[2].rpartition("/")[2]
-    body: Json = {JSON: {"schema": form_of(container.shape).schema}}
+    member = f"{container.path}/{{id}}"
+    delete = write_operation(f"delete{name}", "Delete it", CHANGED_RESPONSE, None, [header_ref("IfMatch")])
+    if not container.by_clients:
+        return {
+            **resource_path_items(container.path, {}, f"{name}Container", container.title),
+            **resource_path_items(member, {"id": ID_SCHEMA}, name, f"A member of {container.title}", delete=delete),
+        }
+    body: Json = {JSON: {"schema": container.form_at("").schema}}
     return {
         **resource_path_items(
             container.path, {}, f"{name}Container", container.title,
             post=write_operation(f"add{name}", f"Add to {container.title}", creation_responses("Added."), body),
         ),
         **resource_path_items(
-            f"{container.path}/{{id}}", {"id": ID_SCHEMA}, name, f"A member of {container.title}",
+            member, {"id": ID_SCHEMA}, name, f"A member of {container.title}",
             put=write_operation(f"put{name}", "Replace it", CHANGED_RESPONSE, body, [header_ref("IfMatch")]),
             patch=patch_operation(f"patch{name}", "Change it by a SPARQL update"),
-            delete=write_operation(f"delete{name}", "Delete it", CHANGED_RESPONSE, None, [header_ref("IfMatch")]),
+            delete=delete,
         ),
     }  # fmt: skip

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from linked_fleet_gateway.extensions.world.collision_check import CLEARANCE_M, SLACK_M
+from linked_fleet_gateway.extensions.world.held_bodies import Permission
 from linked_fleet_gateway.extensions.world.messages import Check, CollisionFound, Positions
 from linked_fleet_gateway.extensions.world.path import moved_positions
 from linked_fleet_gateway.extensions.world.robot import Robot
@@ -26,19 +27,24 @@ def touched(
     """Return what the robot would touch at the goal; None if nothing. What is as near at the start may be."""
     there, here = MovingRobot(robot, start), MovingRobot(robot, start)
     there.set_positions(moved_positions(robot, start, goal))  # type: ignore[arg-type]  # of numbers, numbers
+    permission = Permission.of(asked, robot)
     for body, thing in _near_things(robot, there, things):
+        if permission.allows(body, thing):
+            continue
         apart = free_distance(there.shape(body), thing.shape, MARGIN_M)
         if apart < MARGIN_M and apart < free_distance(here.shape(body), thing.shape, MARGIN_M) - SLACK_M:
             point = meeting_point(there.shape(body), thing.shape)
             place = None if point is None else tuple(np.round(se3(asked.robot.base).act(point), 4).tolist())
-            return CollisionFound(robot.bodies[body].link, thing.kind, thing.name, thing.link, 1.0, place)
+            mine = robot.bodies[body]
+            return CollisionFound(mine.link, thing.kind, thing.name, thing.link, 1.0, place, mine.held, thing.held)
     for one, other in robot.pairs:
         if robot.anchored[one] and there.gap(one, other) < CLEARANCE_M:
             apart = distance(there.shape(one), there.shape(other), CLEARANCE_M)
             if apart < CLEARANCE_M and distance(here.shape(one), here.shape(other), CLEARANCE_M) > max(
                 apart, TOUCHING_M
             ):
-                return CollisionFound(robot.bodies[one].link, "self", "", robot.bodies[other].link, 1.0)
+                mine, its = robot.bodies[one], robot.bodies[other]
+                return CollisionFound(mine.link, "self", "", its.link, 1.0, None, mine.held, its.held)
     return None
 
 

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import coal
 import numpy as np
+from msgspec.structs import replace
 from roboplan.core import (
     JointConfiguration,
     JointPath,
@@ -29,6 +30,7 @@ from linked_fleet_gateway.extensions.planning.messages import BlockedAt, FindPat
 from linked_fleet_gateway.extensions.planning.planner_scene import PlannerScene, SceneWriter
 from linked_fleet_gateway.extensions.planning.timing import Timed, fastest, quickly_timed_s
 from linked_fleet_gateway.extensions.world.collision_check import Maps
+from linked_fleet_gateway.extensions.world.held_bodies import Permission, with_held
 from linked_fleet_gateway.extensions.world.messages import CollisionFound, MotionPath, PathSegment, Positions
 from linked_fleet_gateway.extensions.world.path import configurations
 from linked_fleet_gateway.extensions.world.robot import Robot
@@ -67,7 +69,8 @@ def find(
 ) -> PlanAnswer:
     """Answer a question; ``robots``, ``objects`` and ``maps`` are the prepared shapes by key."""
     ends_s = time.monotonic() + asked.within_s
-    around, start = asked.around, asked.around.paths[0].start
+    around, robots = with_held(asked.around, robots, objects)
+    asked, start = replace(asked, around=around), around.paths[0].start
     ways = [MotionPath(start, (PathSegment(goal),)) for goal in asked.goals]
     robot = robots[around.robot.key]
     robot = robot.reaching(configurations(robot, ways))
@@ -88,7 +91,8 @@ def find(
         writer = SceneWriter(robot, start, asked.bounds, Path(folder))
         if keeper is not None:
             writer.add_tip(asked.keeps.tip, AXES[keeper.axis])
-        return _Search(asked, robot, writer.build(things, goals), ends_s).answer(goals)
+        scene = writer.build(things, goals, Permission.of(around, robot))
+        return _Search(asked, robot, scene, ends_s).answer(goals)
 
 
 def _free_goals(

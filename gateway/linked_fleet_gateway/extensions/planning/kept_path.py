@@ -7,19 +7,18 @@ from collections.abc import Iterator
 
 from msgspec.structs import replace
 
-from linked_fleet_agent.wire.messages import Expectation, Follow, Move
+from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.api import Motion, Pose, RedisUnavailable, Robot, RobotModel
 from linked_fleet_gateway.base.errors import MotionRefused
 from linked_fleet_gateway.extensions.planning.errors import PlanChanged
 from linked_fleet_gateway.extensions.planning.kept_plans import KEPT_S, Found, KeptPlans, Plan, digest_of
+from linked_fleet_gateway.extensions.planning.waiting import STILL_M, STILL_RAD, standing
 from linked_fleet_gateway.extensions.world.collisions import Collides
 from linked_fleet_gateway.extensions.world.placement import pose_in_world
 from linked_fleet_gateway.fleet.kept_plan import KeptPlan
 from linked_fleet_gateway.fleet.model import JointKind
 from linked_fleet_gateway.serving import Caller, Live, Paths
 
-STILL_RAD, STILL_M = 0.01, 0.001
-"""How far a joint may be from where its path begins when the robot gets the command."""
 _FIND_S = 5.0
 
 log = logging.getLogger(__name__)
@@ -55,7 +54,7 @@ async def keep(plans: KeptPlans, motion: Motion, client: str) -> KeptPlan | None
         return None
     relevant = {*motion.targets, *(each for name in motion.targets for each in above(robot.model, name))}
     stands = {name: robot.positions[name] for name in relevant if name in robot.positions}
-    begins = {name: Expectation(stands[name], tolerance_of(robot, name)) for name in motion.targets}
+    begins = standing(robot, {name: stands[name] for name in motion.targets})
     plan = Plan(
         client,
         digest_of(request),

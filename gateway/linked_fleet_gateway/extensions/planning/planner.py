@@ -12,15 +12,14 @@ from typing import NamedTuple
 import msgspec
 from msgspec.structs import replace
 
-from linked_fleet_agent.urdf.cruise import RAMP_S, SPEED_SHARE, cruise_of
-from linked_fleet_agent.urdf.facts import JointFacts
-from linked_fleet_agent.wire.messages import Expectation, Follow, Move
+from linked_fleet_agent.urdf.cruise import RAMP_S
+from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, UnprocessableContent
 from linked_fleet_gateway.base.errors import FleetError, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.planning.constraints import carried, constraints_of, is_constrained, refusal
 from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound
-from linked_fleet_gateway.extensions.planning.kept_path import KeptPath, keep, moving_joint, tolerance_of
+from linked_fleet_gateway.extensions.planning.kept_path import KeptPath, keep, moving_joint
 from linked_fleet_gateway.extensions.planning.kept_plans import KeptPlans, plan_of
 from linked_fleet_gateway.extensions.planning.messages import (
     BlockedAt,
@@ -37,8 +36,10 @@ from linked_fleet_gateway.extensions.planning.messages import (
     StraightFound,
 )
 from linked_fleet_gateway.extensions.planning.terms import LF
+from linked_fleet_gateway.extensions.planning.waiting import MOST_WAIT_S, Waits, standing
 from linked_fleet_gateway.extensions.reach.extension import prepare_search
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
+from linked_fleet_gateway.extensions.world.course import speed_of
 from linked_fleet_gateway.extensions.world.messages import Answer, Check, Positions
 from linked_fleet_gateway.extensions.world.nearby import EARLY_S
 from linked_fleet_gateway.extensions.world.placement import has_placement
@@ -106,6 +107,10 @@ class Planner(MotionPlanner):
         await self._process.close()
         await self.plans.close()
 
+    def waits(self, motion: Motion, own_id: str) -> Waits:
+        """Return the direct path of a motion after waits."""
+        return Waits(self._questions, motion, own_id)
+
     def paths(self, motion: Motion, caller: Caller, own_id: str) -> "PlannedPaths | KeptPath | None":
         """Return the paths of a motion that asks for another one than the direct one, or that may take one."""
         if not isinstance(motion.motion, Move) or motion.request is None:
@@ -130,13 +135,16 @@ class Planner(MotionPlanner):
         return None
 
     def advise(self, motion: Motion, refused: MotionRefused) -> None:
-        """Say in the refusal of a direct path that a way round what is in the way can be asked for.
+        """Say in the refusal of a direct path that a way round what is in the way can be asked for, or to wait for it.
 
         A single joint has no other way.
         """
-        moves = isinstance(motion.motion, Move) and motion.request is not None and len(motion.targets) > 1
-        if moves and isinstance(refused, Collides):
+        if not isinstance(motion.motion, Move) or motion.request is None or not isinstance(refused, Collides):
+            return
+        if len(motion.targets) > 1:
             refused.advise("With lf:path lf:Planned a way round it is searched for.", {"path": LF.Planned.value})
+        elif refused.after_s is not None and refused.after_s <= MOST_WAIT_S:
+            refused.advise("With lf:path lf:Planned the motion waits for that.", {"path": LF.Planned.value})
 
     async def plan(self, motion: Motion, caller: Caller, own_id: str, search: "Search") -> Motion:
         """Return the motion on a path that was found. Raises MotionRefused, Conflict, Busy."""
@@ -207,11 +215,7 @@ class Planner(MotionPlanner):
                 "Allow a higher speed, or move in steps."
             )
         start = asked.around.paths[0].start
-        stands = {
-            name: Expectation(start[name], tolerance_of(motion.robot, name))
-            for name in answer.joints
-            if name not in motion.expectations
-        }
+        stands = standing(motion.robot, {name: start[name] for name in answer.joints})
         follow = Follow(answer.joints, answer.times_s, answer.positions)
         ends = dict(zip(answer.joints, answer.positions[-1], strict=True))
         facts = dict(motion.facts)
@@ -257,24 +261,43 @@ class PlannedPaths(Paths):
     def __init__(self, planner: Planner, motion: Motion, caller: Caller, own_id: str) -> None:
         self._planner, self._motion, self._caller, self._own_id = planner, motion, caller, own_id
         self._given, self._because = 0, ""
+        self._waits = planner.waits(motion, own_id)
         self._left_s = min(max(caller.patience_s or 0.0, SEARCH_S), MOST_SEARCH_S)
         self.most_s = self._left_s + EARLY_S + _MOST_PATHS * _ANSWER_S
 
     async def next(self, refused: MotionRefused | None) -> Motion | None:
-        """Return the motion on its next path; None after the last one, or after the time for the search."""
+        """Return the motion on its next path; None after the last one, or after the time for the search.
+
+        The last ones are the direct one again, after waits for other robots, which keeps to no constraint.
+        """
         straight, request = kind_of(self._motion) == LF.Straight, self._motion.request
         constrained = request is not None and is_constrained(request.body)
         if refused is None and not straight and not constrained:
             return self._motion
-        if self._given == (1 if straight else _MOST_PATHS) or self._left_s <= 0.0 or _is_other_refusal(refused):
+        if _is_other_refusal(refused):
             return None
-        self._given += 1
         if not self._because:
             asked_for = "a straight line was asked for" if straight else "it keeps to constraints"
             self._because = asked_for if refused is None else f"on the direct path {refused.reason}"
+            if not constrained:
+                self._waits.note(refused)
+        found = await self._searched(1 if straight else _MOST_PATHS)
+        return found or self._waits.next(self._because)
+
+    async def _searched(self, most: int) -> Motion | None:
+        """Return the motion on another path that is found; a single joint has none but the direct one."""
+        if self._given == most or self._left_s <= 0.0 or (self._waits.help and len(self._motion.targets) == 1):
+            return None
+        self._given += 1
         began_s = asyncio.get_running_loop().time()
         seed, within_s = self._given * _SEEDS, self._left_s
-        planned = await self._planner.plan(self._motion, self._caller, self._own_id, Search(seed, within_s))
+        try:
+            planned = await self._planner.plan(self._motion, self._caller, self._own_id, Search(seed, within_s))
+        except (GoalBlocked, NoPathFound):
+            if not self._waits.help:
+                raise
+            self._left_s = 0.0
+            return None
         self._left_s -= asyncio.get_running_loop().time() - began_s
         return replace(planned, detour=self._because)
 
@@ -320,9 +343,8 @@ def bounds_of(robot: Robot, name: str, ends: tuple[float, float], scale: float, 
     speed that was asked for.
     """
     assert robot.model is not None
-    joint = robot.model.joints[name]
-    linear, continuous = joint.kind is JointKind.PRISMATIC, joint.kind is JointKind.CONTINUOUS
-    speed = min(cruise_of(JointFacts(name, linear, joint.limits)), SPEED_SHARE * most) * scale
+    joint, speed = robot.model.joints[name], speed_of(robot, name, scale, most)
+    continuous = joint.kind is JointKind.CONTINUOUS
     low, high = joint.limits.lower, joint.limits.upper
     if continuous or low is None or high is None:
         low, high = min(ends) - math.pi, max(ends) + math.pi

@@ -21,6 +21,7 @@ from linked_fleet_gateway.extensions.planning.inflation import Triangles, inflat
 from linked_fleet_gateway.extensions.planning.messages import JointBounds
 from linked_fleet_gateway.extensions.planning.stl import stl_of, stl_of_hull
 from linked_fleet_gateway.extensions.world.collision_check import SLACK_M
+from linked_fleet_gateway.extensions.world.held_bodies import NO_PERMISSION, Permission
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.path import moved_positions
 from linked_fleet_gateway.extensions.world.robot import Robot
@@ -81,8 +82,11 @@ class SceneWriter:
             f"{_origin(at * frame.placement * pin.SE3(turn, np.zeros(3)))}</joint>"
         )
 
-    def build(self, things: Sequence[StaticBody], goals: Iterable[Positions]) -> PlannerScene:
-        """Return the scene with the robot and what is around it."""
+    def build(
+        self, things: Sequence[StaticBody], goals: Iterable[Positions], permission: Permission = NO_PERMISSION
+    ) -> PlannerScene:
+        """Return the scene with the robot and what is around it, without pairs that may touch by ``permission``."""
+        self._permission = permission
         self._rough = self._rough_bodies(things, goals)
         for joint in sorted(self._moving):
             self._add_joint(joint)
@@ -185,9 +189,9 @@ class SceneWriter:
         near = self._nearer(thing)
         moved = [i for i in range(len(self._robot.bodies)) if self._anchors[self._robot.bodies[i].joint][0]]
         self._add_inflated(f"o{n}", thing, CLEARANCE_M)
+        self._disabled += [(f"b{i}", f"o{n}") for i in moved if i in near or self._permission.allows(i, thing)]
         if not near:
             return
-        self._disabled += [(f"b{i}", f"o{n}") for i in near]
         if any(apart > TOUCHING_M for apart in near.values()):
             least = min(apart for apart in near.values() if apart > TOUCHING_M)
             self._add_inflated(f"n{n}", thing, max(least - SLACK_M, 0.0))
@@ -195,12 +199,12 @@ class SceneWriter:
             self._disabled += [(f"b{i}", f"n{n}") for i in moved if i not in compared]
 
     def _nearer(self, thing: StaticBody) -> dict[int, float]:
-        """Return the distance at the start of each moving body that is nearer than the clearance."""
+        """Return the distance at the start of each moving body that is nearer than the clearance, and may not touch."""
         found = {}
         for i, body in enumerate(self._robot.bodies):
             if not self._anchors[body.joint][0] or not self._robot.anchored[i]:
                 continue
-            if self._standing.gap_to(i, thing) < CLEARANCE_M:
+            if not self._permission.allows(i, thing) and self._standing.gap_to(i, thing) < CLEARANCE_M:
                 apart = free_distance(self._standing.shape(i), thing.shape, CLEARANCE_M)
                 if apart < CLEARANCE_M:
                     found[i] = apart

@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.faces import relative_pose, round_to_resolution
+from linked_fleet_gateway.fleet.carried import CarriedPose
 from linked_fleet_gateway.fleet.functions import Function, Term, path_of
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
@@ -19,8 +20,12 @@ COMPONENTS = ("x", "y", "z", "qx", "qy", "qz", "qw")
 """The components of a pose: position (m) and unit quaternion."""
 
 
-def functions_of(base: str, robots: Mapping[str, Robot], common: Mapping[str, Pose]) -> dict[NamedNode, Function]:
-    """Return the functions for these robots and the poses of other things in the common frame, by path.
+Common = Mapping[str, Pose | CarriedPose]
+"""Poses of things besides robots in the common frame, or on links of robots, by path."""
+
+
+def functions_of(base: str, robots: Mapping[str, Robot], common: Common) -> dict[NamedNode, Function]:
+    """Return the functions for these robots and the poses of other things.
 
     They return None for an expression error.
     """
@@ -41,7 +46,7 @@ def functions_of(base: str, robots: Mapping[str, Robot], common: Mapping[str, Po
     return {LF.poseIn: pose_in, LF.distance: distance}
 
 
-def _seen(base: str, robots: Mapping[str, Robot], common: Mapping[str, Pose], said: Collection[Term]) -> Pose | None:
+def _seen(base: str, robots: Mapping[str, Robot], common: Common, said: Collection[Term]) -> Pose | None:
     """Return the pose of the first relative to the second; None if it is unknown or does not exist."""
     paths = [path_of(base, each) for each in said]
     try:

@@ -15,6 +15,7 @@ from msgspec import Struct
 from linked_fleet_gateway.base.contributions import Contributions, present
 from linked_fleet_gateway.faces import Reader
 from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
+from linked_fleet_gateway.fleet.carried import CarriedPose
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
@@ -84,8 +85,8 @@ class QueryRequest(Struct, frozen=True, kw_only=True):
     ``base`` is scheme and authority of all IRIs, ``base_iri`` the base of relative ones in the query. ``default`` and
     ``named`` are the requested graphs, None for all. ``invocations`` are those of the whole fleet. ``graphs`` are
     N-Triples by the path of the graph that they are added to. ``bindings`` is a solution in JSON results form,
-    ``media_type`` that of the answer. ``poses`` are those of things besides robots in the common frame, by path.
-    ``hypothetical_robots`` replace the state of robots.
+    ``media_type`` that of the answer. ``poses`` are those of things besides robots in the common frame, by path,
+    and ``carried`` those on links of robots. ``hypothetical_robots`` replace the state of robots.
     """
 
     news: News
@@ -107,6 +108,7 @@ class QueryRequest(Struct, frozen=True, kw_only=True):
     limit_s: float
     bindings: dict[str, dict[str, str]] = {}
     poses: dict[str, Pose] = {}
+    carried: dict[str, CarriedPose] = {}
     hypothetical_robots: tuple[HypotheticalRobot, ...] = ()
     only_check: bool = False
 

@@ -20,6 +20,8 @@ from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
 from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, Query, check_select, parse_query
 from linked_fleet_gateway.extensions.query.turns import FairTurns
 from linked_fleet_gateway.faces import HTML, Reader, View
+from linked_fleet_gateway.fleet.carried import CarriedPose
+from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.serving import Live
 
 LIMIT_S = 5.0
@@ -117,6 +119,7 @@ class Queries:
 
         def make(feed: Feed) -> QueryRequest:
             view = self._live.tree(base, sees).view
+            poses = self._live.branches.poses()
             return QueryRequest(
                 news=feed.news(),
                 query=query.text,
@@ -134,7 +137,8 @@ class Queries:
                 most_bytes=most,
                 limit_s=self._limit_s,
                 bindings={name: _json(term) for name, term in bindings.items()},
-                poses=self._live.branches.poses(),
+                poses={path: each for path, each in poses.items() if isinstance(each, Pose)},
+                carried={path: each for path, each in poses.items() if isinstance(each, CarriedPose)},
                 hypothetical_robots=tuple(instead),
                 only_check=only_check,
                 reader=reader,

@@ -107,7 +107,7 @@ class Worker:
             rdf_mirror.update(self._mirror)
         try:
             seen = _complete(ask, rdf_mirror, self._mirror, sees)
-            functions = functions_of(ask.base, robots, ask.poses)
+            functions = functions_of(ask.base, robots, {**ask.poses, **ask.carried})
             for one in self._functions:
                 functions |= one.bind(ask.base, robots)
             return evaluate(rdf_mirror.store, ask, seen, functions) + DONE

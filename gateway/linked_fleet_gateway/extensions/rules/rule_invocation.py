@@ -65,6 +65,7 @@ async def invoke(
         stoppable_robots=creator.view_for(Right.STOP),
         visible_robots=creator.visible_robots,
         rule=rule.id,
+        identity=creator,
     )
     moment = None if offer.robot is None else moments.get(offer.robot.name)
     return await carry_out(offer, rule.base, caller, statements, moment)

@@ -4,18 +4,21 @@ A robot without a placement is not checked. A motion is refused unless its path 
 """
 
 import asyncio
-from collections.abc import Collection, Mapping
+from collections.abc import Awaitable, Callable, Collection, Mapping
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import NamedTuple, Self
 
 from msgspec.structs import replace
+from pyoxigraph import NamedNode
 
 from linked_fleet_agent import planar
 from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.base.errors import Busy, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
+from linked_fleet_gateway.extensions.world.descriptions import object_path
 from linked_fleet_gateway.extensions.world.driving import (
     Driving,
     on_floor,
@@ -23,6 +26,8 @@ from linked_fleet_gateway.extensions.world.driving import (
 )
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
+from linked_fleet_gateway.extensions.world.held import extent_m, held_by
+from linked_fleet_gateway.extensions.world.in_time import InTime, Pair
 from linked_fleet_gateway.extensions.world.jogging import Jogs
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
@@ -43,6 +48,8 @@ from linked_fleet_gateway.extensions.world.process import Checker, Preparation, 
 from linked_fleet_gateway.extensions.world.questions import Questions
 from linked_fleet_gateway.extensions.world.refusals import Refusals
 from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.extensions.world.schedules import OnTime, Run, Schedules
+from linked_fleet_gateway.extensions.world.touch import thing_to_grasp, things_to_touch
 from linked_fleet_gateway.faces import ALL, View, unchecked_links
 from linked_fleet_gateway.fleet.closest import Closest
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath, placed
@@ -78,7 +85,8 @@ class Checks:
     """Implements ``MotionGuard``; an async context manager. It starts no process before a robot is placed.
 
     Meshes are cached in ``folder``; ``collisions`` keeps the refused motions. After ``idle_s`` seconds without a
-    motion or a new robot the process ends, and the next motion waits until it has been started again.
+    motion or a new robot the process ends, and the next motion waits until it has been started again. ``settled`` waits
+    until it is known what robots hold.
     """
 
     finding_predicate = LF.collisionFree
@@ -92,8 +100,10 @@ class Checks:
         collisions: Collisions | None = None,
         idle_s: float = Worker.IDLE_S,
         maps: Maps = NO_MAPS,
+        settled: Callable[[], Awaitable[None]] | None = None,
     ) -> None:
         self._live, self._objects, self._maps = live, objects, maps
+        self._settled = settled
         self._checker = Checker(folder, idle_s)
         self._preparation = Preparation(live, meshes, self._checker)
         self._nearby = Surroundings(live, self._preparation, objects, maps)
@@ -101,7 +111,9 @@ class Checks:
         self._refusals = Refusals(live.fleet.robots, objects, maps)
         self._waiting = self._early = 0
         self._driving, self._jogs = Driving(), Jogs()
-        self._questions = Questions(live, self._preparation, self._driving, self._jogs, objects, maps)
+        self.schedules = Schedules(live.invocations.open_of_robot)
+        self._questions = self._create_questions(self._preparation)
+        self._in_time = InTime(self._questions, self.schedules, partial(self._checker.ask, timeout_s=_ANSWER_S))
 
     async def __aenter__(self) -> Self:
         self._preparation.open()
@@ -116,7 +128,11 @@ class Checks:
     def asked_elsewhere(self, preparation: Preparation) -> tuple[Surroundings, Questions]:
         """Return what is around robots, and the questions about their motions, for the process of ``preparation``."""
         nearby = Surroundings(self._live, preparation, self._objects, self._maps)
-        return nearby, Questions(self._live, preparation, self._driving, self._jogs, self._objects, self._maps)
+        return nearby, self._create_questions(preparation)
+
+    def _create_questions(self, preparation: Preparation) -> Questions:
+        known = self._driving, self._jogs, self._objects, self._maps, self.schedules
+        return Questions(self._live, preparation, *known)
 
     @property
     def prepared(self) -> bool:
@@ -125,6 +141,8 @@ class Checks:
 
     async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
         """Wait for the shapes of the robot and of everything around it. Raises Unchecked, Busy."""
+        if self._settled is not None:
+            await self._settled()
         if not has_placement(robot):
             return
         if self._early >= MOST_EARLY:
@@ -142,8 +160,9 @@ class Checks:
         The finding is not free if the robot has no placement. Raises Collides, UncheckedLinks; Unchecked, also if too
         many wait.
         """
+        things = self._things(motion, visible_robots)
         if not has_placement(motion.robot) or _way_is_unknown(motion):
-            return Finding(False)
+            return Finding(False, things=things)
         if self._waiting >= MOST_WAITING:
             raise Unchecked(f"{MOST_WAITING} motions are being checked; try again.")
         self._waiting += 1
@@ -153,11 +172,18 @@ class Checks:
                 if (why := await self._nearby.prepare(self._nearby.around(motion.robot, visible_robots))) is not None:
                     raise Unchecked(why)
                 async with asyncio.timeout(_TIMEOUT_S):
-                    return await self._check(motion, visible_robots, own_id)
+                    return replace(await self._check(motion, visible_robots, own_id), things=things)
         except TimeoutError as error:
             raise Unchecked("The check of the motion took too long; try again.") from error
         finally:
             self._waiting -= 1
+
+    def _things(self, motion: Motion, sees: View) -> tuple[tuple[NamedNode, str], ...]:
+        """Return the objects that a motion names. Raises UnprocessableContent, Conflict."""
+        touched = things_to_touch(motion, self._objects, sees)
+        grasped = thing_to_grasp(motion, self._objects, sees) if isinstance(motion.motion, Act) else ""
+        named = [*((LF.mayTouch, id) for id in touched), *([(LF.object, grasped)] if grasped else [])]
+        return tuple((predicate, object_path(id)) for predicate, id in named)
 
     async def _check(self, motion: Motion, sees: View, own: str) -> Finding:
         # Nothing is awaited between the next two steps, so that no robot that has come meanwhile is left out.
@@ -166,10 +192,11 @@ class Checks:
             return await self._check_drive(motion.robot, act.drive, robots, sees, own)
         if own and isinstance(act, Act) and act.path is not None:
             return await self._check_path(motion.robot, act.path, robots, sees, own)
-        question = self._questions.about(motion, robots, sees, own)
-        if not own and not isinstance(act, Act):
-            question = replace(question, closest_within_s=CLOSEST_S)
-        return self._finding(motion.robot, await self._checker.ask(question, _ANSWER_S))
+        judged = await self._in_time.judge(motion, robots, sees, own, closest_s=CLOSEST_S)
+        finding = self._finding(motion.robot, judged.answer, judged.after_s)
+        if own:
+            self._in_time.begin(motion.robot, own, judged)
+        return replace(finding, until_ns=judged.until_ns)
 
     async def _check_path(self, robot: Robot, path: FollowedPath, robots: list[Robot], sees: View, own: str) -> Finding:
         """Check a path that others see already: of two that begin at once, at least one sees the other."""
@@ -187,7 +214,8 @@ class Checks:
     def surroundings(self) -> object:
         """What differs once an object, a zone or the map has changed."""
         floor = self._maps.get(MAP_ID)
-        return {id: (key_of(each), each.pose) for id, each in self._objects.items()}, floor and floor.obstacles_key
+        known = {id: (key_of(each), each.held or each.pose) for id, each in self._objects.items()}
+        return known, floor and floor.obstacles_key
 
     def path_of(self, robot: Robot) -> FollowedPath | None:
         """Return the path that the base of a robot with a placement follows."""
@@ -200,7 +228,9 @@ class Checks:
             if is_placed(robot) and robot.model is not None:
                 at, end = on_floor(pose_in_world(robot, robot.model.root)), self._driving.end(robot)
                 way = None if at is None else (at, at if end is None else placed(end, at))
-                found[robot.name] = Neighbour(way, self._preparation.reach_m(robot))
+                held = held_by(robot, self._objects).values()
+                held_m = max((extent_m(each.held, each.geometry) for each in held if each.held), default=0.0)
+                found[robot.name] = Neighbour(way, self._preparation.reach_m(robot) + held_m)
         return found
 
     async def survey(self, robot: Robot, sees: View) -> Surveyed:
@@ -229,6 +259,30 @@ class Checks:
             )
             question = self._questions.followed(robot, path, robots, ALL, own, as_they_are=True)
             answer = await self._checker.ask(question, _ANSWER_S)
+        if isinstance(answer, CollisionFound):
+            raise self.collision(robot, answer)
+        if isinstance(answer, CheckFailed):
+            raise Unchecked(answer.reason)
+
+    # -- motions that rely on the times of others --------------------------------------------------------------------
+
+    @property
+    def pairs(self) -> dict[Pair, float]:
+        """The motions that rely on each other's times, with the monotonic time (s) at which they were found free."""
+        return self._in_time.pairs
+
+    def on_time(self, robot: Robot) -> OnTime | None:
+        """Return the motion of a robot that keeps its times."""
+        return self._questions.on_time([robot]).get(robot.name)
+
+    async def check_rest(self, run: Run) -> None:
+        """Check the rest of a motion that has begun, among others as they move now. Raises Collides, Unchecked."""
+        robot, course = self._live.fleet.robots.get(run.robot), self.schedules.course(run)
+        if robot is None or course is None:
+            raise Unchecked("The rest of the motion is unknown.")
+        with self._checker.in_use():
+            robots = self._nearby.prepared_around(robot, ALL)
+            answer = await self._checker.ask(self._questions.rest(robot, course, robots, ALL), _ANSWER_S)
         if isinstance(answer, CollisionFound):
             raise self.collision(robot, answer)
         if isinstance(answer, CheckFailed):
@@ -267,10 +321,15 @@ class Checks:
         assert robot.model is not None  # of a prepared robot
         return self._refusals.collision(robot, robot.model, answer)
 
-    def _finding(self, robot: Robot, answer: Answer) -> Finding:
-        """Return what was found. Raises Collides, UncheckedLinks, Unchecked."""
+    def _finding(self, robot: Robot, answer: Answer, after_s: float | None = None) -> Finding:
+        """Return what was found, which will be free ``after_s`` if that is known.
+
+        Raises Collides, UncheckedLinks, Unchecked.
+        """
         if isinstance(answer, CollisionFound):
             collides = self.collision(robot, answer)
+            if after_s is not None:
+                collides.promise(after_s)
             self._collisions.add(robot.name, collides)
             raise collides
         if isinstance(answer, CheckFailed):

@@ -23,6 +23,7 @@ from msgspec.structs import replace
 
 from linked_fleet_gateway.extensions.world.closest import find_closest
 from linked_fleet_gateway.extensions.world.coverage import Coverage
+from linked_fleet_gateway.extensions.world.held_bodies import Permission, with_held
 from linked_fleet_gateway.extensions.world.map_obstacles import MapObstacles
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
@@ -30,7 +31,7 @@ from linked_fleet_gateway.extensions.world.messages import (
     CheckFailed,
     CollisionFound,
     Free,
-    Kind,
+    MotionPath,
     Positions,
 )
 from linked_fleet_gateway.extensions.world.path import (
@@ -40,6 +41,7 @@ from linked_fleet_gateway.extensions.world.path import (
     configurations,
     joint_changes,
     path_of,
+    times_along,
 )
 from linked_fleet_gateway.extensions.world.plane import driven_paths
 from linked_fleet_gateway.extensions.world.robot import Robot
@@ -105,6 +107,7 @@ def check(
             raise UnknownPosition("something of it has to be prepared again")
         if asked.driven is not None:
             asked = replace(asked, paths=(*asked.paths, *driven_paths(asked.driven)))
+        asked, robots = with_held(asked, robots, objects)
         robot = robots[asked.robot.key]
         robot = robot.reaching(configurations(robot, asked.paths))
         coverage = Coverage(asked, robot, robots, maps)
@@ -130,7 +133,9 @@ class _Sweep:
 
     def __init__(self, asked: Check, robot: Robot, things: list[StaticBody], ends_s: float) -> None:
         self._ways, self._robot, self._things, self._ends_s = asked.paths, robot, things, ends_s
+        self._in_time = asked.in_time
         self._base = se3(asked.robot.base)
+        self._permission = Permission.of(asked, robot)
         start = asked.paths[0].start
         self._mover = MovingRobot(robot, start)
         gone = self._furthest(start)
@@ -185,6 +190,8 @@ class _Sweep:
         for i in np.nonzero(driven)[0].tolist():
             gaps = np.linalg.norm(there - centres[i], axis=1) - radii - self._radii[i]
             for k in np.nonzero(gaps <= MARGIN_M + self._gone @ self._reach[:, i])[0].tolist():
+                if self._permission.allows(i, self._things[k]):
+                    continue
                 yield _Pair(i, k, self._things[k], MARGIN_M), self._reach[:, i], float(gaps[k])
 
     def _near_own(self, centres: Array) -> Iterator[tuple[_Pair, Array, float]]:
@@ -199,6 +206,8 @@ class _Sweep:
 
     def _settle(self, pair: _Pair) -> bool:
         """Set the margin of a pair by its distance at the start. Return False if it is not checked."""
+        if self._in_time and pair.thing is not None and pair.thing.from_s > 0.0:
+            return True  # it is not there yet
         if time.thread_time() > self._ends_s:
             raise UnknownPosition(_TOO_LONG)
         one, other = self._shapes(pair)
@@ -219,19 +228,34 @@ class _Sweep:
     def answer(self) -> Answer:
         for way in self._ways:
             path = path_of(self._robot, way, self._joints, self._weights)
-            met = self._along(path)
+            met = self._along(path, *self._met_at(path, way))
             if met is not None:
                 pair, at = met
-                link, kind, name, other = self._told(pair)
-                return CollisionFound(link, kind, name, other, round(at / path.steps, 3), self._point(pair))
+                return self._told(pair, round(at / path.steps, 3))
         return Free(self._looks)
 
-    def _along(self, path: Path) -> tuple[_Pair, int] | None:
+    def _met_at(self, path: Path, way: MotionPath) -> tuple[Indices, Indices]:
+        """Return the first and the last place of a path at which each pair may meet: the robot is there in its time.
+
+        It stands at the start before, and at the end after its path.
+        """
+        first, last = np.zeros(len(self._pairs), dtype=np.intp), np.full(len(self._pairs), path.steps, dtype=np.intp)
+        if not self._in_time:
+            return first, last
+        times_s = times_along(path, way)
+        from_s, until_s = (
+            np.array([end if pair.thing is None else getattr(pair.thing, name) for pair in self._pairs])
+            for end, name in ((-math.inf, "from_s"), (math.inf, "until_s"))
+        )
+        first = np.clip(np.searchsorted(times_s, from_s, "right") - 1, 0, path.steps)
+        return first, np.clip(np.searchsorted(times_s, until_s, "left"), 0, path.steps)
+
+    def _along(self, path: Path, due: Indices, last: Indices) -> tuple[_Pair, int] | None:
         """Return the first pair that collides on a path, and the place; None if the path is free.
 
-        ``due`` is the next place to check each pair, ``seen`` the last one.
+        ``due`` is the next place to check each pair, up to its ``last``, and ``seen`` the one before.
         """
-        due, seen = np.zeros((2, len(self._pairs)), dtype=np.intp)
+        seen = due.copy()
         rooms = np.zeros(len(self._pairs))
         while len(due) and (at := int(due.min())) <= path.steps:
             now = np.nonzero(due <= at)[0]
@@ -242,7 +266,8 @@ class _Sweep:
             for n in now[self._fine[now] & (rooms[now] + room < gone)].tolist():
                 if self._meets_between(path, at - 1, n):
                     return self._pairs[n], at
-            seen[now], rooms[now], due[now] = at, room, at + self._places(path, at, now, room)
+            then = at + self._places(path, at, now, room)
+            seen[now], rooms[now], due[now] = at, room, np.where(then > last[now], path.steps + 1, then)
         return None
 
     def _look(self, path: Path, at: int, pairs: Indices) -> tuple[Array, _Pair | None]:
@@ -320,8 +345,10 @@ class _Sweep:
         x, y, z = (round(float(each), 4) for each in self._base.act(found))
         return x, y, z
 
-    def _told(self, pair: _Pair) -> tuple[str, Kind, str, str]:
-        bodies = self._robot.bodies
-        if pair.thing is None:
-            return bodies[pair.body].link, "self", "", bodies[pair.other].link
-        return bodies[pair.body].link, pair.thing.kind, pair.thing.name, pair.thing.link
+    def _told(self, pair: _Pair, share: float) -> CollisionFound:
+        bodies, point, thing = self._robot.bodies, self._point(pair), pair.thing
+        mine = bodies[pair.body]
+        if thing is None:
+            other = bodies[pair.other]
+            return CollisionFound(mine.link, "self", "", other.link, share, point, mine.held, other.held)
+        return CollisionFound(mine.link, thing.kind, thing.name, thing.link, share, point, mine.held, thing.held)

@@ -4,6 +4,7 @@ Each gateway knows those that it has refused itself, including rehearsals, and f
 check: ``Collides`` (409, collision), ``UncheckedLinks`` (409, unchecked-links), ``Unchecked`` (503, unchecked).
 """
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -44,10 +45,18 @@ class Collides(MotionRefused):
         self.things, self.names, self.share, self.point = list(things), list(names), share, point
         self.add: Mapping[str, str] = {}
         """Members that the same body may have in addition, so that it is not refused for this reason."""
+        self.after_s: float | None = None
+        """The time until the way will be free, if others that move keep their times."""
 
     def advise(self, sentence: str, add: Mapping[str, str]) -> None:
         """Say what the same request may have in addition."""
         self.detail, self.add = f"{self.detail} {sentence}", add
+
+    def promise(self, after_s: float) -> None:
+        """Say when the way will be free."""
+        self.after_s, whole_s = after_s, math.ceil(after_s)
+        self.headers["Retry-After"] = str(whole_s)
+        self.detail = f"{self.detail} The way will be free in {whole_s} s, once robots that move have arrived."
 
     def locate(self, base: str) -> None:
         self.things = [base + path for path in self.things]
@@ -57,7 +66,9 @@ class Collides(MotionRefused):
         if self.share is None:
             return {}
         place = {} if self.point is None else {"point": list(self.point)}
-        retry = {"retryWith": [dict(self.add)]} if self.add else {}
+        retry: Members = {"retryWith": [dict(self.add)]} if self.add else {}
+        if self.after_s is not None:
+            retry["retryAfter"] = math.ceil(self.after_s)
         return {"things": self.things, "names": self.names, "share": self.share, **place, **retry}
 
 

@@ -14,6 +14,7 @@ from linked_fleet_gateway.api import Body, link_path, robot_path
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.models.geometry import model_path
+from linked_fleet_gateway.extensions.world.held import Robots, StatedObject, path_of
 from linked_fleet_gateway.extensions.world.placement import (
     LF,
     PLACEMENT,
@@ -102,8 +103,11 @@ def _describe_robot(graph: Graph, base: str, robot: Robot) -> None:
     graph.add(placement, LF.inFrame, NamedNode(base + WORLD))
 
 
-def describe_objects(graph: Graph, base: str, objects: Objects, most: int = MAX_DESCRIBED) -> None:
-    """Describe the LDP container of the objects; the first ``most``, by title, are described completely."""
+def describe_objects(graph: Graph, base: str, objects: Objects, robots: Robots, most: int = MAX_DESCRIBED) -> None:
+    """Describe the LDP container of the objects; the first ``most``, by title, are described completely.
+
+    ``robots`` are those that the reader may know of.
+    """
     iri = NamedNode(base + OBJECTS)
     graph.a(iri, LF.SceneObjects, LDP.BasicContainer, LDP.Container)
     graph.add(iri, DCTERMS.title, Literal("Objects of the world"))
@@ -113,17 +117,26 @@ def describe_objects(graph: Graph, base: str, objects: Objects, most: int = MAX_
     ordered = sorted(objects.items(), key=lambda each: (each[1].title, each[0]))
     graph.add(iri, LDP.contains, *(NamedNode(base + object_path(id)) for id, _ in ordered))
     for id, thing in ordered[:most]:
-        describe_object(graph, base, id, thing)
+        describe_object(graph, base, id, thing, robots)
 
 
-def describe_object(graph: Graph, base: str, id: str, thing: SceneObject) -> None:
+def describe_object(graph: Graph, base: str, id: str, thing: SceneObject, robots: Robots) -> None:
+    """Describe an object. The position of a held one is in the frame of its link; unknown if that is not known."""
     iri = NamedNode(base + object_path(id))
     graph.a(iri, LF.SceneObject, LF.Obstacle if thing.kind == "obstacle" else LF.KeepOutZone)
     graph.add(iri, DCTERMS.title, Literal(thing.title))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + OBJECTS))
     graph.add(iri, HYBRIT.blueprint, LF.SceneObjectShape, NamedNode(iri.value + "/blueprint"))
-    describe_pose(graph, iri, thing.pose)
-    graph.add(iri, LF.inFrame, NamedNode(base + WORLD))
+    if thing.held is None:
+        describe_pose(graph, iri, thing.pose)
+        graph.add(iri, LF.inFrame, NamedNode(base + WORLD))
+    elif link := path_of(thing.held, robots):
+        describe_pose(graph, iri, thing.held.pose)
+        graph.add(iri, LF.inFrame, NamedNode(base + link))
+        graph.add(iri, LF.heldBy, NamedNode(base + link))
+    else:
+        describe_pose(graph, iri, None)
+        graph.add(iri, LF.inFrame, NamedNode(base + WORLD))
     geometry = graph.blank()
     graph.add(iri, LF.geometry, geometry)
     _describe_geometry(graph, geometry, thing.geometry, iri)
@@ -196,15 +209,14 @@ def read_object(
     world: str,
     present: SceneObject | None = None,
     described: frozenset[Triple] = frozenset(),
-) -> SceneObject:
+) -> StatedObject:
     """Parse an object for ``iri``, in place of ``present``, whose description is ``described``.
 
     Raises UnprocessableContent, which states the valid form.
     """
     body = validate_body(triples, LF.SceneObjectInput, iri, described)
-    frames = body.nodes(body.root, LF.inFrame)
-    if any(each != NamedNode(world) for each in frames):
-        raise UnprocessableContent(f"Objects stand in the frame of the world: lf:inFrame is <{world}>, or left out.")
+    base = world.removesuffix(WORLD)
+    frame, holder = (_path(body, predicate, base) for predicate in (LF.inFrame, LF.heldBy))
     types = body.nodes(body.root, RDF.type)
     if LF.Obstacle in types and LF.KeepOutZone in types:
         raise UnprocessableContent("An object is a lf:Obstacle or a lf:KeepOutZone, not both.")
@@ -213,7 +225,17 @@ def read_object(
     _check_near(pose)
     _check_form(body, geometry, iri, present)
     kind: Kind = "zone" if LF.KeepOutZone in types else "obstacle"
-    return SceneObject(title=title, kind=kind, pose=pose, geometry=_geometry(body, geometry, iri, present))
+    found = SceneObject(title=title, kind=kind, pose=pose, geometry=_geometry(body, geometry, iri, present))
+    return StatedObject(found, frame or WORLD, holder)
+
+
+def _path(body: Body, predicate: NamedNode, base: str) -> str:
+    """Return the path of the thing that a body names, empty for none. Raises UnprocessableContent."""
+    node = body.node(body.root, predicate)
+    if node is not None and not (isinstance(node, NamedNode) and node.value.startswith(base + "/")):
+        said = predicate.value.replace(LF.iri, "lf:")
+        raise UnprocessableContent(f"{said} is the world or a link of a robot of this fleet, not {str(node)[:200]}.")
+    return "" if node is None else node.value[len(base) :]
 
 
 def _check_form(body: Body, node: Node, iri: str, present: SceneObject | None) -> None:

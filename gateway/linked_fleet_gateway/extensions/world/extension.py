@@ -3,11 +3,12 @@
 Clients create, replace and delete objects over HTTP, and read poses in the frames that the query of the URL names.
 """
 
+import time
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 from urllib.parse import unquote
 
 from pyoxigraph import Literal, Triple
@@ -21,6 +22,7 @@ from linked_fleet_gateway.api import (
     Request,
     RequestView,
     Resource,
+    Robot,
     body_type,
     read_resource,
 )
@@ -34,8 +36,10 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     object_path,
     read_object,
 )
+from linked_fleet_gateway.extensions.world.held import StatedObject
 from linked_fleet_gateway.extensions.world.map_requests import put_map, read_image
 from linked_fleet_gateway.extensions.world.map_resources import MapImage, PutMap
+from linked_fleet_gateway.extensions.world.motion_watch import MotionWatch
 from linked_fleet_gateway.extensions.world.operations import operations
 from linked_fleet_gateway.extensions.world.path_watch import PathWatch
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD, placement, placement_of
@@ -55,8 +59,8 @@ _LONGEST_NAMED = 200
 
 async def post_object(world: World, request: Request, afforded: PostObject) -> Response:
     """Create an object. The response is 201 with Location."""
-    thing = read_object(await _read(request, request.base + OBJECTS), request.base + OBJECTS, request.base + WORLD)
-    id = await world.objects.add(thing)
+    stated = read_object(await _read(request, request.base + OBJECTS), request.base + OBJECTS, request.base + WORLD)
+    id = await world.objects.add(stated.settled(_seen(world, request), None, time.time_ns()))
     return Response(status_code=201, headers={"location": request.base + object_path(id), "cache-control": "no-store"})
 
 
@@ -72,11 +76,17 @@ async def put_object(world: World, request: Request, afforded: PutObject) -> Res
         if present is None:
             raise NotFound("The object has been removed meanwhile.")
         triples, known = change(present), objects.known[afforded.id]
-        thing = None if triples is None else await _replaced(request, triples, present, known)
+        stated = None if triples is None else await _replaced(request, triples, present, known)
+        thing = None if stated is None else stated.settled(_seen(world, request), known, time.time_ns())
         if objects.known.get(afforded.id) is not known:
             continue  # another gateway changed it while the body was read
         if await objects.change(afforded.id, thing):
             return Response(status_code=204)
+
+
+def _seen(world: World, request: Request) -> dict[str, Robot]:
+    """Return the robots that the caller may know of."""
+    return {name: each for name, each in world.robots.items() if request.caller.visible_robots.includes(name)}
 
 
 async def _read(request: Request, iri: str) -> list[Triple]:
@@ -92,7 +102,7 @@ async def _read(request: Request, iri: str) -> list[Triple]:
 
 async def _replaced(
     request: Request, triples: Sequence[Triple], resource: Resource, present: SceneObject | None
-) -> SceneObject:
+) -> StatedObject:
     """Return the object in a body, parsed in a thread if it has a mesh. Raises UnprocessableContent, Busy."""
     seen = ground_statements(resource.full_graph(request.base))
     work = partial(read_object, triples, request.base + resource.path, request.base + WORLD, present, seen)
@@ -148,7 +158,10 @@ class WorldExtension(Extension):
     robot_properties = (placement,)
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
-    kinds = (Path(__file__).with_name("relocalise.ttl"),)
+    kinds = (Path(__file__).with_name("relocalise.ttl"), Path(__file__).with_name("may_touch.ttl"))
+    component_things: ClassVar[Mapping[tuple[str, str], Mapping[str, tuple[str, str]]]] = {
+        (LF.Gripper.value, "grasp"): {"object": (LF.object.value, "the object of the world to grasp")}
+    }
     placements = (placement_of,)
     navigation = (NavigationEntry("World", "/world", 10),)
 
@@ -166,17 +179,19 @@ class WorldExtension(Extension):
         async with (
             World(core.live, meshes, core.redis_url, core.namespace, folder) as world,
             PathWatch(world.checks, core.robots, core.live.invocations.open_of_robot, core.cancel),
+            MotionWatch(world.checks, core.robots, core.live.invocations.get, core.cancel),
         ):
-            yield Mount(
-                branches=(world.branch,),
-                readers={PoseQuery: partial(read_pose, world), MapImage: read_image},
-                writers={
-                    PostObject: partial(post_object, world),
-                    PutObject: partial(put_object, world),
-                    PutMap: partial(put_map, world.maps),
-                },
-                handlers={LF.Relocalise: Relocalise(core).plan},
-                guard=world.checks,
-                services=(world,),
-                not_ready=lambda: "" if world.checks.prepared else PREPARING,
-            )
+            with core.listening_to_descriptions(world.mark_held_changed, world.mark_held_changed):
+                yield Mount(
+                    branches=(world.branch,),
+                    readers={PoseQuery: partial(read_pose, world), MapImage: read_image},
+                    writers={
+                        PostObject: partial(post_object, world),
+                        PutObject: partial(put_object, world),
+                        PutMap: partial(put_map, world.maps),
+                    },
+                    handlers={LF.Relocalise: Relocalise(core).plan},
+                    guard=world.checks,
+                    services=(world,),
+                    not_ready=lambda: "" if world.checks.prepared else PREPARING,
+                )

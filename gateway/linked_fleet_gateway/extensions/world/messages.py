@@ -60,12 +60,26 @@ class PrepareMap(Struct, frozen=True, tag="map"):
     height_m: float
 
 
+class HeldObject(Struct, frozen=True):
+    """A prepared object that a robot holds: its ``name`` in answers, and its ``pose`` in the frame of the ``link``.
+
+    It may touch the links of the ``hand``.
+    """
+
+    name: str
+    key: str
+    link: str
+    pose: Pose
+    hand: tuple[str, ...]
+
+
 class Placement(Struct, frozen=True):
     """The placement of a prepared robot or object: its ``name`` in answers, and ``base``, its root pose in the world.
 
     ``configurations`` are all joint positions in which it may be met: the first is complete, others contain only what
     differs. ``way`` are the poses on its way from where its base is now, in the frame of that. With
-    ``accepts_unchecked`` the links that the check does not cover are ignored.
+    ``accepts_unchecked`` the links that the check does not cover are ignored. A robot ``holds`` objects. ``times_s``
+    says from when until when it may be met in each configuration, in seconds from now; empty means at any time.
     """
 
     name: str
@@ -74,18 +88,22 @@ class Placement(Struct, frozen=True):
     configurations: tuple[Positions, ...] = ()
     accepts_unchecked: bool = False
     way: tuple[planar.Pose, ...] = ()
+    holds: tuple[HeldObject, ...] = ()
+    times_s: tuple[tuple[float, float], ...] = ()
 
 
 class PathSegment(Struct, frozen=True):
     """A segment in which joints move together to ``ends``: linearly, or as cubics with these velocities at both ends.
 
-    ``duration_s`` is the time of a segment with velocities.
+    ``duration_s`` is the time of a segment with velocities. ``timing`` are times from the start of a linear one and the
+    shares of it completed by then, from the start to the end, if they are known.
     """
 
     ends: Positions
     duration_s: float = 0.0
     start_velocities: Positions = {}
     end_velocities: Positions = {}
+    timing: tuple[tuple[float, float], ...] = ()
 
 
 class MotionPath(Struct, frozen=True):
@@ -112,7 +130,9 @@ class Check(Struct, frozen=True, tag="check"):
     It is now at the start of the first path.
 
     The answer takes at most ``within_s`` seconds of processor time. ``map`` is the key of the map of the floor, empty
-    without one. For ``closest_within_s`` seconds more it is sought where the robot comes closest to what is around.
+    without one. The links of the ``hand``, and what the robot holds, may touch the objects ``may_touch``. ``in_time``
+    says that it begins now and keeps the times of its paths, so that other robots are met only at theirs. For
+    ``closest_within_s`` seconds more it is sought where the robot comes closest to what is around.
     """
 
     robot: Placement
@@ -123,6 +143,9 @@ class Check(Struct, frozen=True, tag="check"):
     map: str = ""
     driven: DrivenWay | None = None
     closest_within_s: float = 0.0
+    may_touch: tuple[str, ...] = ()
+    hand: tuple[str, ...] = ()
+    in_time: bool = False
 
 
 class Survey(Struct, frozen=True, tag="survey"):
@@ -172,7 +195,8 @@ class CollisionFound(Struct, frozen=True, tag="meets"):
     """A collision: ``link`` meets something after ``share`` of the path.
 
     That is link ``other`` of robot ``name``, object ``name``, or the map, whose name is empty.
-    ``point`` is the place in the world, None if unknown.
+    ``point`` is the place in the world, None if unknown. If it is an object that meets something or is met, the link
+    is the one that holds it, and ``held`` or ``other_held`` is the object.
     """
 
     link: str
@@ -181,6 +205,8 @@ class CollisionFound(Struct, frozen=True, tag="meets"):
     other: str
     share: float
     point: Vector | None = None
+    held: str = ""
+    other_held: str = ""
 
 
 class ClosestFound(Struct, frozen=True):

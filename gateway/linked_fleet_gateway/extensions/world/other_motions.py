@@ -8,6 +8,8 @@ from linked_fleet_gateway.extensions.world.messages import MotionPath, PathSegme
 
 MOST_CONFIGURATIONS = 24
 """Places on the way of another robot at which it may be met."""
+CONFIGURATION_STEP = 0.05
+"""The most that a joint moves (rad, m) from one of these places to the next, if there are not too many."""
 Place = TypeVar("Place")
 
 

@@ -135,7 +135,10 @@ def _listed(facts: Facts, iri: NamedNode) -> ObjectRow:
 
 
 def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode) -> Form:
-    """Return the form of an object, without its frame, which is always the world, and with a choice of its kind."""
+    """Return the form of an object, with a choice of its kind, and without its frame, which is the world.
+
+    The frame of a held object is the link that holds it.
+    """
     made = form.form_of_shape(LF.SceneObjectInput, action, method, name, facts, subject, Right.ADMIN)
     kind = Leaf(
         path=RDF.type.value,
@@ -149,7 +152,8 @@ def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode)
         options=[(each.value, texts.choice_label(each.value)) for each in _KINDS],
     )
     title, *others = sorted(made.needed, key=lambda each: each.path != DCTERMS.title.value)
-    further = [each for each in made.further if each.path not in (LF.inFrame.value, RDF.type.value)]
+    hidden = {RDF.type.value} if facts.one(subject, LF.heldBy) else {RDF.type.value, LF.inFrame.value}
+    further = [each for each in made.further if each.path not in hidden]
     return replace(made, needed=[title, kind, *map(_by_type, others)], further=further)
 
 
@@ -179,7 +183,7 @@ def _example() -> tuple[Facts, NamedNode]:
     box = SceneObject(
         title="", kind="obstacle", pose=Pose((0.0, 0.0, _EDGE_M / 2), (0.0, 0.0, 0.0, 1.0)), geometry=Box(edges)
     )
-    describe_object(graph, root, "new", box)
+    describe_object(graph, root, "new", box, {})
     return Facts(graph.triples, root), NamedNode(root + object_path("new"))
 
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from linked_fleet_gateway.extensions.world.messages import MotionPath, PathSegment, Positions
 from linked_fleet_gateway.extensions.world.robot import Robot
+from linked_fleet_gateway.extensions.world.segments import interpolate
 from linked_fleet_gateway.extensions.world.surfaces import Array
 
 STEP_M = 0.002
@@ -75,6 +76,17 @@ def path_of(robot: Robot, way: MotionPath, joints: Sequence[str], weights: Array
     return Path(tuple(joints), np.concatenate(rows), tuple(legs))
 
 
+def times_along(path: Path, way: MotionPath) -> Array:
+    """Return when the joints are at each place of a path, in seconds from its start."""
+    times, begun_s = [np.zeros(1)], 0.0
+    for (_, count, _), leg in zip(path.legs, way.legs, strict=True):
+        shares = np.arange(1, count + 1) / count
+        times_s, done = zip(*(leg.timing or ((0.0, 0.0), (leg.duration_s, 1.0))), strict=True)
+        times.append(begun_s + np.interp(shares, done, times_s))
+        begun_s += times_s[-1]
+    return np.concatenate(times)
+
+
 def _easing(before: Positions, leg: PathSegment) -> float:
     """Return a bound of the speed of the joints on a leg, relative to their mean speeds."""
     if not leg.duration_s:
@@ -132,19 +144,6 @@ def moved_positions(robot: Robot, start: Positions, moved: Mapping[str, "float |
         if driver is not joint and driver.name in moved:
             found[name] = start.get(name, math.nan) + factor * (moved[driver.name] - start.get(driver.name, math.nan))
     return found
-
-
-def interpolate(leg: PathSegment, name: str, start: float, share: "float | Array") -> "float | Array":
-    """Return positions on a cubic Hermite or linear leg."""
-    end = leg.ends[name]
-    if not leg.duration_s:
-        return start + share * (end - start)
-    enters, leaves = (
-        leg.start_velocities.get(name, 0.0) * leg.duration_s,
-        leg.end_velocities.get(name, 0.0) * leg.duration_s,
-    )
-    a, b = 2 * (start - end) + enters + leaves, 3 * (end - start) - 2 * enters - leaves
-    return start + share * (enters + share * (b + share * a))
 
 
 def _between(robot: Robot, way: MotionPath) -> Iterator[tuple[Positions, Positions, PathSegment]]:

@@ -83,6 +83,14 @@ def _may_meet(other: Neighbour, way: Sequence[Pose], length_m: float, reach_m: f
     return apart_m(way, other.way) <= reach_m
 
 
+async def end(cancel: Cancel, run: Invocation, reason: str) -> None:
+    """Cancel a motion for a reason."""
+    try:
+        await cancel(run.id, reason)
+    except AgentTimeout as error:
+        log.warning("the motion %s was not ended although %s: %s", run.id, reason, error.detail)
+
+
 @dataclass
 class _Watched:
     """What was known when the whole path of an invocation, to its ``end``, was found free."""
@@ -147,12 +155,6 @@ class PathWatch:
             elif near := near_ones(robot.name, here, soon, neighbours):
                 await self._checks.check_ahead(robot, soon, run.id, near)
         except Collides as error:
-            await self._end(run, AHEAD + error.reason)
+            await end(self._cancel, run, AHEAD + error.reason)
         except Unchecked as error:
             log.debug("the path of %s is not checked now: %s", robot.name, error.detail)
-
-    async def _end(self, run: Invocation, reason: str) -> None:
-        try:
-            await self._cancel(run.id, reason)
-        except AgentTimeout as error:
-            log.warning("the drive %s was not ended although %s: %s", run.id, reason, error.detail)

@@ -50,14 +50,21 @@ class Refusals:
     def collision(self, robot: Robot, model: RobotModel, met: CollisionFound) -> Collides:
         """Return the collision of a robot that had this model when it was checked."""
         link, other = link_path(robot.name, model, met.link), None
+        mover, of_robot = met.link, f"{met.link} of {robot.name}"
+        if met.held:
+            mover, of_robot, link = self._held(met.held, met.link, robot.name, link)
         if met.kind == "self":
             what, other = f"its own {met.other}", link_path(robot.name, model, met.other)
             kind = what
+            if met.other_held:
+                kind, what, other = self._held(met.other_held, met.other, robot.name, other)
         elif met.kind == "robot":
             there, kind = self._robots.get(met.name), "another robot"
             what = kind
             if there is not None and there.model is not None:
                 what, other = f"{met.other} of {met.name}", link_path(met.name, there.model, met.other)
+                if met.other_held:
+                    _, what, other = self._held(met.other_held, met.other, met.name, other)
         elif met.kind == "map":
             kind, other = "an occupied place of the map of the floor", MAP
             what = self._map
@@ -69,13 +76,20 @@ class Refusals:
         said = f"an occupied place of {what}{_at(met)}" if met.kind == "map" else what
         after = f"after {100 * met.share:.0f} % of the way"
         return Collides(
-            f"{met.link} of {robot.name} would meet {said} {after}.",
+            f"{of_robot}{',' if met.held else ''} would meet {said}{',' if met.other_held else ''} {after}.",
             things=[link, *([] if other is None else [other])],
-            names=[f"{met.link} of {robot.name}", *([] if other is None else [what])],
+            names=[of_robot, *([] if other is None else [what])],
             share=met.share,
             point=None if other is None else met.point,  # a robot that the caller may not see has no place either
-            reason=f"{met.link} would meet {kind} {after}",
+            reason=f"{mover} would meet {kind} {after}",
         )
+
+    def _held(self, id: str, link: str, robot: str, path: str) -> tuple[str, str, str]:
+        """Return what a link holds: without its title, with it and the robot, and its path, or that of the link."""
+        thing = self._objects.get(id)
+        if thing is None:
+            return f"what {link} holds", f"what {link} of {robot} holds", path
+        return f"what {link} holds", f"{thing.title}, which {link} of {robot} holds", object_path(id)
 
 
 def _at(met: CollisionFound) -> str:

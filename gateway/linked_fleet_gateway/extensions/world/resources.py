@@ -18,6 +18,7 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     object_path,
 )
 from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
+from linked_fleet_gateway.extensions.world.held import path_of
 from linked_fleet_gateway.extensions.world.map_resources import MAP, resolve_map
 from linked_fleet_gateway.extensions.world.placement import LF, PLACEMENT, WORLD
 from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh
@@ -102,11 +103,11 @@ def _in_objects(view: RequestView, rest: list[str], objects: Mapping[str, SceneO
         container = Resource(
             OBJECTS,
             "Objects of the world",
-            lambda graph: describe_objects(graph, view.base, objects),
+            lambda graph: describe_objects(graph, view.base, objects, view.robots),
             CONTAINER,
             Source(
-                lambda: list(objects.items()),
-                shared_facts=lambda: [(id, *_facts(each)) for id, each in objects.items()],
+                lambda: [(id, each, _holder(view, each)) for id, each in objects.items()],
+                shared_facts=lambda: [(id, *_facts(view, each)) for id, each in objects.items()],
             ),
             own_paths=(f"{OBJECTS}/{_BLUEPRINT}",),
             part_paths=tuple(object_path(id) for id in objects),
@@ -126,8 +127,11 @@ def _of_object(
         whole = Resource(
             path,
             thing.title,
-            lambda graph: describe_object(graph, view.base, id, thing),
-            source=Source(lambda: objects.get(id), shared_facts=lambda: _facts(objects.get(id))),
+            lambda graph: describe_object(graph, view.base, id, thing, view.robots),
+            source=Source(
+                lambda: (objects.get(id), _holder(view, objects.get(id))),
+                shared_facts=lambda: _facts(view, objects.get(id)),
+            ),
             own_paths=(f"{path}/{_BLUEPRINT}", *mesh),
             affords=PutObject(id),
         )
@@ -140,10 +144,16 @@ def _of_object(
     return None
 
 
-def _facts(thing: SceneObject | None) -> tuple[object, ...]:
+def _holder(view: RequestView, thing: SceneObject | None) -> str:
+    """Return the path of the link that holds an object, as far as the reader may know it; empty for none."""
+    return "" if thing is None or thing.held is None else path_of(thing.held, view.robots)
+
+
+def _facts(view: RequestView, thing: SceneObject | None) -> tuple[object, ...]:
     """Return the facts that determine the version: all of an object, with a fast checksum of a mesh."""
     if thing is None:
         return ()
     geometry = thing.geometry
     form = crc32(geometry.stl) if isinstance(geometry, TriangleMesh) else geometry
-    return thing.title, thing.kind, thing.pose, form
+    place = thing.pose if thing.held is None else (thing.held.pose, _holder(view, thing))
+    return thing.title, thing.kind, place, form

@@ -30,7 +30,8 @@ from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 class Body:
     """A collision body of a link. ``centre`` is in its own frame; all its points are within ``radius`` of it.
 
-    ``shape`` is exact. ``hull`` is convex and contains it. ``surface`` is the mesh of a non-convex body.
+    ``shape`` is exact. ``hull`` is convex and contains it. ``surface`` is the mesh of a non-convex body. One that the
+    link holds is the object ``held``.
     """
 
     link: str
@@ -40,6 +41,7 @@ class Body:
     surface: Surface | None
     centre: Array
     radius: float
+    held: str = ""
 
     @cached_property
     def corners(self) -> Array:

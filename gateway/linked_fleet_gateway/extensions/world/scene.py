@@ -44,13 +44,33 @@ Geometry = Box | Sphere | Cylinder | TriangleMesh
 Kind = Literal["obstacle", "zone"]
 
 
-class SceneObject(Struct, frozen=True, kw_only=True):
-    """An object with its ``pose`` in the world. A ``zone`` is empty space that robots must not enter."""
+class Held(Struct, frozen=True, omit_defaults=True):
+    """The link of a robot that holds an object, and the ``pose`` of the object in the frame of that link.
+
+    ``gripper`` is the segment of the component whose grasp holds it ``since_ns`` (wall time of the agent); empty if a
+    client has stated that it is held.
+    """
+
+    robot: str
+    link: str
+    pose: Pose
+    gripper: str = ""
+    since_ns: int = 0
+
+
+class SceneObject(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """An object with its ``pose`` in the world. A ``zone`` is empty space that robots must not enter.
+
+    One that is ``held`` moves with its link; its ``pose`` is then the last one on its own. Who holds it was decided at
+    ``decided_ns``: by an action of a gripper that was created then, or by a client.
+    """
 
     title: Annotated[str, Meta(min_length=1, max_length=256)]
     kind: Kind
     pose: Pose
     geometry: Geometry
+    held: Held | None = None
+    decided_ns: int = 0
 
 
 def encode(thing: SceneObject) -> bytes:

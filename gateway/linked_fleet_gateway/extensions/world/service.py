@@ -4,7 +4,7 @@ All gateways share the objects and the map of the floor through Redis; each has 
 """
 
 import asyncio
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import AsyncExitStack
 from pathlib import Path
 from types import TracebackType
@@ -19,12 +19,15 @@ from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collisions
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS, describe_frame, describe_objects, object_path
 from linked_fleet_gateway.extensions.world.floor_map import ID, MAX_STORED_BYTES, FloorMap
+from linked_fleet_gateway.extensions.world.held import path_of
+from linked_fleet_gateway.extensions.world.holding import Holding
 from linked_fleet_gateway.extensions.world.map_resources import MAP, describe_map
 from linked_fleet_gateway.extensions.world.messages import Surveyed
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.resources import resolve_world
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject, decode, encode
 from linked_fleet_gateway.faces import View
+from linked_fleet_gateway.fleet.carried import CarriedPose
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
@@ -58,8 +61,10 @@ class World:
         maps = stored_maps(url, namespace)
         self.maps = Table(maps, NOUN_OF_MAPS, floor_map.encode, floor_map.decode, self._map_changed, live.faults)
         self.collisions = Collisions(live.fan_out.mark_changed)
-        self.checks = Checks(live, meshes, self.objects.known, folder, self.collisions, maps=self.maps.known)
-        self._described: tuple[tuple[str, int], Sequence[Triple]] = (("", 0), ())
+        self._holding = Holding(live, self.objects)
+        settled, known = self._holding.wait_until_settled, self.objects.known
+        self.checks = Checks(live, meshes, known, folder, self.collisions, maps=self.maps.known, settled=settled)
+        self._described: tuple[tuple[str, int, tuple[str, ...]], Sequence[Triple]] = (("", 0, ()), ())
         self._grid: tuple[FloorMap, OccupancyGrid] | None = None
         self._stack = AsyncExitStack()
 
@@ -80,6 +85,17 @@ class World:
     def _map_changed(self, id: str, before: FloorMap | None, after: FloorMap | None) -> None:
         self._live.fan_out.mark_changed(MAP)
 
+    def mark_held_changed(self, robot: str) -> None:
+        """Tell that the links of a robot, in whose frames what it holds is, have become known or unknown."""
+        ids = [id for id, each in self.objects.known.items() if each.held is not None and each.held.robot == robot]
+        if ids:
+            self._live.fan_out.mark_changed(*map(object_path, ids), OBJECTS)
+
+    def holder_of(self, path: str) -> str:
+        """Return the name of the robot that holds the object at a path; empty for none."""
+        thing = self.objects.known.get(path.removeprefix(OBJECTS + "/"))
+        return "" if thing is None or thing.held is None else thing.held.robot
+
     async def occupancy(self) -> "OccupancyGrid | None":
         """Return the cells of the map of the floor; None without one. Unpacked in a thread once for each map."""
         found = self.maps.known.get(ID)
@@ -98,18 +114,29 @@ class World:
         """Return what stands on the floor around a robot with a placement. Raises Unchecked, Busy."""
         return await self.checks.survey(robot, sees)
 
-    def poses(self) -> dict[str, Pose]:
-        """Poses of the frame itself and of the objects in it, by path."""
-        return {WORLD: ORIGIN} | {object_path(id): each.pose for id, each in self.objects.known.items()}
+    @property
+    def robots(self) -> Mapping[str, Robot]:
+        """All robots by name."""
+        return self._live.fleet.robots
+
+    def poses(self) -> dict[str, Pose | CarriedPose]:
+        """Poses of the frame itself, and of the objects in it or on the links that hold them, by path."""
+        objects: dict[str, Pose | CarriedPose] = {
+            object_path(id): each.pose if (by := each.held) is None else CarriedPose(by.robot, by.link, by.pose)
+            for id, each in self.objects.known.items()
+        }
+        return {WORLD: ORIGIN} | objects
 
     def triples(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
         """Yield all statements about the world, for copies of the fleet. Placements are described with their robots."""
-        frame, key, known = Graph(), (view.base, self.objects.changes), self.objects.known
+        frame, known = Graph(), self.objects.known
+        holders = tuple(path_of(each.held, view.robots) for each in known.values() if each.held is not None)
+        key = view.base, self.objects.changes, holders
         describe_frame(frame, view.base, view.robots.values())
         yield WORLD, frame.triples
         if self._described[0] != key:
             objects = Graph()
-            describe_objects(objects, view.base, known, len(known))
+            describe_objects(objects, view.base, known, view.robots, len(known))
             self._described = key, objects.triples
         yield OBJECTS, self._described[1]
         floor = Graph()
@@ -118,6 +145,7 @@ class World:
 
     async def __aenter__(self) -> Self:
         await self._stack.enter_async_context(self.objects)
+        await self._stack.enter_async_context(self._holding)
         await self._stack.enter_async_context(self.maps)
         await self._stack.enter_async_context(self.checks)
         return self

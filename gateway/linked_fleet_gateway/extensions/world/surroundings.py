@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import coal
@@ -21,6 +21,7 @@ from linked_fleet_gateway.fleet.xml import rotation
 
 _NEARLY_M = 4 * STEP_M  # above this, the distance of the hulls replaces that of the surfaces
 _REQUEST = coal.DistanceRequest()
+_ALWAYS = (-math.inf, math.inf)
 _REQUEST.gjk_tolerance = 1e-9  # by default, convex shapes within a micrometre have distance zero
 
 
@@ -99,7 +100,11 @@ MARGIN_M = 0.01
 
 @dataclass(frozen=True)
 class StaticBody:
-    """A static body in the root frame of the moving robot. The surface of an object has no hull."""
+    """A static body in the root frame of the moving robot. The surface of an object has no hull.
+
+    A body that another robot holds is the object ``held``. It is there from ``from_s`` until ``until_s`` after the
+    start of the path.
+    """
 
     kind: Kind
     name: str
@@ -107,6 +112,9 @@ class StaticBody:
     shape: Shape
     centre: Array
     radius: float
+    held: str = ""
+    from_s: float = -math.inf
+    until_s: float = math.inf
 
 
 class MovingRobot:
@@ -137,6 +145,12 @@ class MovingRobot:
     def placed_bodies(self) -> list[tuple[Body, pin.SE3]]:
         """Return the bodies whose places are known, with these, in the root frame."""
         return [(body, self.at(i)) for i, body in enumerate(self.robot.bodies) if self.robot.anchored[i]]
+
+    def numbered_bodies(self, base: pin.SE3) -> Iterator[tuple[int, tuple[Body, pin.SE3]]]:
+        """Yield the numbers of the bodies whose places are known, with these, in the frame that ``base`` is in."""
+        for i, body in enumerate(self.robot.bodies):
+            if self.robot.anchored[i]:
+                yield i, (body, base * self.at(i))
 
     def shape(self, body: int) -> Shape:
         return _shape(self.robot.bodies[body], self.at(body))
@@ -208,21 +222,31 @@ def other_robot_bodies(asked: Check, robots: Mapping[str, Robot], reach_m: float
             stood = MovingRobot(other, each.configurations[0])
         except UnknownPosition as error:
             raise UnknownPosition(f"of {each.name or 'another robot'} {error}") from error
-        seen: set[tuple[int, bytes]] = set()
-        for configuration in each.configurations:
-            stood.set_positions(moved_positions(other, each.configurations[0], configuration))  # type: ignore[arg-type]  # of numbers, numbers
-            for i, body in enumerate(other.bodies):
-                if not other.anchored[i]:
-                    continue
-                at = base * stood.at(i)
-                centre = at.act(body.centre)
-                place = (i, np.round(at.homogeneous, 6).tobytes())
-                if float(np.linalg.norm(centre)) <= near + body.radius and place not in seen:
-                    seen.add(place)
-                    yield StaticBody("robot", each.name, body.link, _shape(body, at), centre, body.radius)
+        yield from _in_configurations(each, stood, base, near)
         if each.way:
             stood.set_positions(each.configurations[0])
             yield from _on_its_way(each, stood, base, near)
+
+
+def _in_configurations(placed: Placement, robot: MovingRobot, base: pin.SE3, near: float) -> Iterator[StaticBody]:
+    """Yield the bodies of another robot near the root in its configurations, each place of a body once."""
+    found = dict[tuple[int, bytes], StaticBody]()
+    times_s = placed.times_s or (_ALWAYS,) * len(placed.configurations)
+    for configuration, (from_s, until_s) in zip(placed.configurations, times_s, strict=True):
+        robot.set_positions(moved_positions(robot.robot, placed.configurations[0], configuration))  # type: ignore[arg-type]  # of numbers, numbers
+        for i, (body, at) in robot.numbered_bodies(base):
+            centre = at.act(body.centre)
+            place = (i, np.round(at.homogeneous, 6).tobytes())
+            if float(np.linalg.norm(centre)) > near + body.radius:
+                continue
+            if (known := found.get(place)) is None:
+                found[place] = StaticBody(
+                    "robot", placed.name, body.link, _shape(body, at), centre, body.radius, body.held, from_s, until_s
+                )
+            elif (from_s, until_s) != (known.from_s, known.until_s):
+                first_s, last_s = min(from_s, known.from_s), max(until_s, known.until_s)
+                found[place] = replace(known, from_s=first_s, until_s=last_s)
+    yield from found.values()
 
 
 def _on_its_way(placed: Placement, robot: MovingRobot, base: pin.SE3, near: float) -> Iterator[StaticBody]:

@@ -9,6 +9,7 @@ import coal
 import numpy as np
 
 from linked_fleet_gateway.extensions.world.corners import RING, corners_of
+from linked_fleet_gateway.extensions.world.held_bodies import with_held
 from linked_fleet_gateway.extensions.world.messages import Placement, Plan, Seen, Survey, Surveyed
 from linked_fleet_gateway.extensions.world.outline import Outline, hull_of, outline, plans_along
 from linked_fleet_gateway.extensions.world.path import UnknownPosition
@@ -22,7 +23,7 @@ _GROUND_M = 0.02
 
 def survey(asked: Survey, robots: Mapping[str, Robot], objects: Mapping[str, coal.CollisionGeometry]) -> Surveyed:
     """Return the outline of the robot, and those of everything around it. Raises UnknownPosition."""
-    around = asked.around
+    around, robots = with_held(asked.around, robots, objects)
     if missing := [each.key for each in (around.robot, *around.robots) if each.key not in robots]:
         raise UnknownPosition(f"{missing[0]} has to be prepared again")
     me = MovingRobot(robots[around.robot.key], asked.start)

@@ -8,13 +8,14 @@ from typing import Any
 import msgspec
 import pytest
 from foxglove import messages as fox
+from msgspec.structs import replace
 
 from foxglove_messages import decoded
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Base, State
 from linked_fleet_gateway.extensions.foxglove import messages
 from linked_fleet_gateway.extensions.foxglove.messages import LATEST_NS
-from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Kind, SceneObject, Sphere, TriangleMesh
+from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Held, Kind, SceneObject, Sphere, TriangleMesh
 from linked_fleet_gateway.fleet.events import Described, Framed
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.fleet.model import Pose
@@ -149,6 +150,13 @@ def test_a_scene_has_an_entity_for_each_object_and_replaces_the_one_before() -> 
     assert (found["c"].cylinders[0].size.x, found["c"].cylinders[0].size.z) == (1.0, 2.0)
     assert found["m"].models[0].data == stl
     assert {each.key: each.value for each in found["s"].metadata} == {"title": "zone", "kind": "zone"}
+
+
+def test_what_a_link_holds_moves_with_the_frame_of_the_link() -> None:
+    held = replace(thing("obstacle", Sphere(0.5)), held=Held("panda", "panda_hand", AT))
+    (found,) = read(fox.SceneUpdate, messages.scene({"s": held}, STAMP_NS)).entities
+    assert (found.frame_id, found.frame_locked) == ("panda/panda_hand", True)
+    assert found.spheres[0].pose.position.y == 2.0
 
 
 def test_meshes_for_which_there_is_no_room_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:

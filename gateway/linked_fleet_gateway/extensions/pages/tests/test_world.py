@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import pytest
 from playwright.sync_api import Page, expect
 
-from browser import LF, Browser
+from browser import LF, MATHS, Browser
 from commanding import PREFIXES, TURTLE
 from running import eventually
 from small_fleet import Place, live
@@ -77,3 +77,21 @@ def test_a_robot_is_drawn_among_the_objects_as_it_sees_them(page: Page, watched:
         )
 
     assert eventually(seen, "the ball") == [-1, 0, 0.5]
+
+
+def test_what_a_link_holds_is_drawn_where_the_link_is(page: Page, watched: object, browser: Browser) -> None:
+    placement = str(browser.robot("ur5").one(LF.placement))
+    assert browser.http.put(placement, content=f"{PREFIXES}<> {_at(1, 2, 0)} .", headers=TURTLE).status_code == 204
+    world = browser.page(str(browser.page(browser.root).one(LF.world)))
+    link = f"{browser.root}ur5/wrist_3_link"
+    held = f"lf:heldBy <{link}> ; lf:inFrame <{link}> ; {_at(0, 0, 0.3)}"
+    body = _zone("tool", held).replace("lf:KeepOutZone", "lf:Obstacle")
+    made = browser.http.post(str(world.one(LF.objects)), content=body, headers=TURTLE)
+    assert made.status_code == 201, made.text
+    pose = browser.page(f"{browser.root}world/pose?of={made.headers['location']}")
+    there = [float(str(pose.graph.value(pose.graph.value(pose.iri, LF.position), MATHS[axis]))) for axis in "xyz"]
+    page.goto(world.url)
+    expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
+    drawn = eventually(lambda: _standing(page).get("tool"), "what the robot holds")
+    assert drawn == pytest.approx(there, abs=5e-3)
+    expect(page.locator("[data-things] li small").last).to_contain_text("held by wrist_3_link")

@@ -14,13 +14,17 @@ from linked_fleet_gateway.extensions.planning.tests.arms import (
     ROBOTS,
     SPEED,
     STRETCHED,
+    UPRIGHT,
     Room,
     joints,
     wall,
 )
 from linked_fleet_gateway.extensions.world.collision_check import check
-from linked_fleet_gateway.extensions.world.messages import Answer, CollisionFound, Free
+from linked_fleet_gateway.extensions.world.messages import Answer, CollisionFound, Free, HeldObject
 from linked_fleet_gateway.extensions.world.questions import legs_through, waypoint_velocities
+from linked_fleet_gateway.extensions.world.scene import Box
+from linked_fleet_gateway.extensions.world.shapes import build_object_shape
+from linked_fleet_gateway.fleet.model import Pose
 
 POST = Room(post=wall(0.8, 0.5))
 TURNED = joints(CORNER, 0.0, 0.0)
@@ -116,3 +120,42 @@ def test_joints_that_do_not_move_stay_where_they_are() -> None:
     asked = replace(room.path(start, {"shoulder": 1.0}), bounds={"shoulder": BOUNDS["shoulder"]})
     found = find(asked, ROBOTS, room.shapes, {})
     assert isinstance(found, BlockedAt | NotFound), "one joint alone cannot pass a post"
+
+
+BAR = HeldObject("bar", "bar", "hand", Pose((0.5, 0.0, 0.0), UPRIGHT), ("lower", "hand"))
+"""A bar that the hand holds: it reaches 1.6 m from the root, 40 cm further than the hand."""
+
+
+def holding(room: Room, asked: FindPath) -> FindPath:
+    """Return the question for an arm that holds a bar."""
+    room.shapes["bar"] = build_object_shape(Box((0.6, 0.04, 0.04)))
+    robot = replace(asked.around.robot, holds=(BAR,))
+    return replace(asked, around=replace(asked.around, robot=robot))
+
+
+def test_a_path_with_a_long_bar_does_not_take_the_way_that_is_free_without_it() -> None:
+    """The post is out of reach of the arm, whose path is straight, and within reach of the bar."""
+    room = Room(post=wall(0.99, 0.99))
+    free = room.path(STRETCHED, TURNED)
+    alone = path(room, free)
+    assert alone.length == pytest.approx(alone.direct)
+    asked = holding(room, free)
+    assert isinstance(judged(room, asked, alone), CollisionFound)
+    found = path(room, asked)
+    assert found.length > 1.1 * found.direct
+    assert isinstance(judged(room, asked, found), Free)
+
+
+def test_a_goal_at_which_a_held_object_meets_something_is_blocked_by_it() -> None:
+    room = Room(crate=wall(0.0, 1.5))
+    found = find(holding(room, room.path(STRETCHED, TURNED)), ROBOTS, room.shapes, {})
+    assert isinstance(found, BlockedAt)
+    assert (found.by.held, found.by.link, found.by.name) == ("bar", "hand", "crate")
+
+
+def test_a_hand_may_end_at_what_it_may_touch() -> None:
+    room = Room(crate=wall(0.0, 1.2))
+    asked = room.path(STRETCHED, TURNED)
+    assert isinstance(find(asked, ROBOTS, room.shapes, {}), BlockedAt)
+    asked = replace(asked, around=replace(asked.around, may_touch=("crate",), hand=("hand",)))
+    assert isinstance(judged(room, asked, path(room, asked)), Free)

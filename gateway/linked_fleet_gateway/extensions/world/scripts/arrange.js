@@ -8,7 +8,7 @@ import { parse } from "../../pages/scripts/src/ntriples.js";
 import { apply as applyPresence } from "../../pages/scripts/src/presence.js";
 import { PoseFields } from "../../pages/scripts/src/pose_fields.js";
 import { watch } from "../../pages/scripts/src/socket.js";
-import { lf, RDF_TYPE, TITLE } from "../../pages/scripts/src/vocabulary.js";
+import { lf, localName, RDF_TYPE, TITLE } from "../../pages/scripts/src/vocabulary.js";
 
 const CONTAINS = "http://www.w3.org/ns/ldp#contains";
 const INTERVAL_S = 0.2;
@@ -45,7 +45,10 @@ function tell(list, graph, container) {
     const item = known.get(iri) ?? list.appendChild(row(iri));
     if (!known.has(iri)) applyPresence();
     const zone = graph.values(iri, RDF_TYPE).some(({ value }) => value === lf("KeepOutZone"));
-    const [title, kind] = [graph.value(iri, TITLE)?.value ?? "object", zone ? "keep-out zone" : "obstacle"];
+    const holder = graph.value(iri, lf("heldBy"))?.value;
+    const held = holder ? `, held by ${localName(holder)}` : "";
+    const [title, kind] = [graph.value(iri, TITLE)?.value ?? "object", (zone ? "keep-out zone" : "obstacle") + held];
+    item.toggleAttribute("data-held", Boolean(holder)); // its position is that in the hand: nothing to be dragged
     if (item.dataset.said === `${title} ${kind}`) continue;
     item.dataset.said = `${title} ${kind}`;
     item.querySelector("h3 a").textContent = title;
@@ -104,7 +107,7 @@ class Arrangement {
     if (!this.details.open || !this.form) return;
     if (current !== this) current?.end();
     current = this;
-    if (scene?.section.dataset.phase !== "ready") return;
+    if (scene?.section.dataset.phase !== "ready" || this.details.closest("[data-held]")) return;
     this.fields = new PoseFields(this.form);
     if (!this.fields.readPosition()) this.fields.writePosition(scene.middle());
     this.target ??= scene.target((pose, done) => this.dragged(pose, done));

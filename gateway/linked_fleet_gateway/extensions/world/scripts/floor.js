@@ -85,7 +85,8 @@ class Floor {
   }
 
   showObjects(graph, container) {
-    this.objects = graph.values(container, CONTAINS).map(({ value: iri }) => ({
+    const standing = graph.values(container, CONTAINS).filter(({ value: iri }) => !graph.value(iri, lf("heldBy")));
+    this.objects = standing.map(({ value: iri }) => ({
       iri,
       title: graph.value(iri, TITLE)?.value ?? "object",
       zone: graph.values(iri, RDF_TYPE).some(({ value }) => value === lf("KeepOutZone")),

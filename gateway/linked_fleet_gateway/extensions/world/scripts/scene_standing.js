@@ -3,6 +3,7 @@
 import { Box3, Group, Vector3 } from "three";
 
 import { build, complete, fetchModel, loadMeshes, meshesOf } from "../../pages/scripts/src/scene_model.js";
+import { linkAt } from "../../pages/scripts/src/scene_links.js";
 import { Motion } from "../../pages/scripts/src/scene_motion.js";
 import { poseOf } from "../../pages/scripts/src/pose_of.js";
 import { put } from "../../pages/scripts/src/scene_objects.js";
@@ -130,6 +131,11 @@ export class Standing {
 
   step(now) {
     return this.motion?.step(now) ?? false;
+  }
+
+  /** @returns {import("three").Object3D|undefined} the drawn link with an IRI, while the robot is shown */
+  linkAt(iri) {
+    return this.place.visible ? linkAt(this.robot, this.iri, iri) : undefined;
   }
 
   /** @returns {Vector3} the position of its base, which may move */

@@ -185,6 +185,7 @@ class WorldScene {
     const robots = [...this.robots.values()];
     const moved = robots.map((robot) => robot.step(now)).some(Boolean);
     if (moved) this.view.moved(now);
+    this.objects.carry((iri) => robots.map((robot) => robot.linkAt(iri)).find(Boolean));
     this.chase();
     this.labels?.place();
     return robots.some(({ motion }) => motion?.moving);

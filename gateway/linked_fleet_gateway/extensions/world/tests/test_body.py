@@ -4,10 +4,11 @@ import base64
 import struct
 
 import pytest
+from msgspec.structs import replace
 
 from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.world.descriptions import describe_object, read_object
-from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, SceneObject, Sphere, TriangleMesh
+from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Held, SceneObject, Sphere, TriangleMesh
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.http.body import BODY_TYPES
 from linked_fleet_gateway.rdf.graph import Graph
@@ -30,7 +31,7 @@ def _object(geometry: Geometry) -> SceneObject:
 
 def _read(turtle: str, present: SceneObject | None = None) -> SceneObject:
     triples = parse((_PREFIXES + turtle).encode(), "text/turtle", _IRI)
-    return read_object(triples, _IRI, f"{_BASE}/world", present)
+    return read_object(triples, _IRI, f"{_BASE}/world", present).settled({}, present, 1)
 
 
 @pytest.mark.parametrize("media_type", BODY_TYPES)
@@ -38,9 +39,10 @@ def _read(turtle: str, present: SceneObject | None = None) -> SceneObject:
 def test_an_object_may_be_put_as_it_was_read(geometry: Geometry, media_type: str) -> None:
     """In each accepted syntax, with the mesh by its link: nothing changes."""
     thing, graph = _object(geometry), Graph()
-    describe_object(graph, _BASE, "1", thing)
+    describe_object(graph, _BASE, "1", thing, {})
     triples = parse(render(graph.triples, media_type, PREFIXES, base=_IRI), media_type, _IRI)
-    assert read_object(triples, _IRI, f"{_BASE}/world", thing, ground_statements(graph)) == thing
+    stated = read_object(triples, _IRI, f"{_BASE}/world", thing, ground_statements(graph))
+    assert stated.settled({}, thing, 1) == thing
 
 
 @pytest.mark.parametrize(
@@ -83,3 +85,12 @@ def test_an_object_needs_no_description_of_itself() -> None:
     read = _read(f"<> dcterms:title 'ball' ; {_AT} ; {_BALL} .")
     upright = Pose((1.0, 2.0, 3.0), (0.0, 0.0, 0.0, 1.0))
     assert read == SceneObject(title="ball", kind="obstacle", pose=upright, geometry=Sphere(1.0))
+
+
+def test_who_may_not_know_of_a_robot_does_not_learn_what_it_holds() -> None:
+    held = Held("secret", "hand", Pose((0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0)))
+    thing, graph = replace(_object(Sphere(0.5)), held=held), Graph()
+    describe_object(graph, _BASE, "1", thing, {})
+    said = render(graph.triples, "text/turtle", PREFIXES, base=_IRI).decode()
+    assert "secret" not in said and "heldBy" not in said
+    assert said.count("lf:unknown") == 7, "three coordinates, and four of the orientation"

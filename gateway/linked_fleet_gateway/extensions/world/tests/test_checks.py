@@ -11,6 +11,7 @@ from typing import Any
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from floor_maps import FREE, UNKNOWN, WALL, pgm, yaml
 from linked_fleet_agent.wire.codec import encode_state, layout
@@ -27,7 +28,7 @@ from linked_fleet_gateway.extensions.world.map_image import build_map
 from linked_fleet_gateway.extensions.world.map_yaml import read_yaml
 from linked_fleet_gateway.extensions.world.messages import Answer, Prepare, PrepareMesh, Question
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, placement_of
-from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.extensions.world.scene import Box, Held, SceneObject, Sphere
 from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Framed, Vanished
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
@@ -40,6 +41,7 @@ from meshes import channel, stl
 from virtual.zenoh_network import ZenohNetwork
 
 PATIENCE_S = 30.0
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 IN_THE_WAY = msgspec.json.encode(Pose((-0.1, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0))).decode()
 """The placement of a robot into which another one at the origin would turn."""
 
@@ -183,6 +185,25 @@ async def test_a_robot_that_could_be_met_is_waited_for(tmp_path: Path) -> None:
         assert not waiting.done()
         scene.let["beside"].set()
         await waiting
+
+
+async def test_what_a_robot_holds_meets_what_its_links_do_not(tmp_path: Path) -> None:
+    """Until its link is not there any more, when nothing is known to be free."""
+    async with scene_in(tmp_path) as scene:
+        robot = scene.robot("here", let=True)
+        post, bar = Pose((0.7, 0.5, -0.38), UPRIGHT), Pose((0.5, 0.5, 0.0), UPRIGHT)
+        scene.objects["post"] = SceneObject(title="post", kind="obstacle", pose=post, geometry=Sphere(0.05))
+        assert await scene.is_free(robot)
+        thing = SceneObject(title="bar", kind="obstacle", pose=post, geometry=Box((1.0, 0.02, 0.02)))
+        scene.objects["bar"] = replace(thing, held=Held("here", "rod", bar))
+        with pytest.raises(Collides) as refused:
+            await scene.is_free(robot)
+        assert str(refused.value.detail).startswith("bar, which rod of here holds, would meet post (obstacle)")
+        assert refused.value.things == ["/world/objects/bar", "/world/objects/post"]
+        assert refused.value.reason.startswith("what rod holds would meet an obstacle")
+        scene.objects["bar"] = replace(thing, held=Held("here", "gone", bar))
+        with pytest.raises(Unchecked, match="PUT bar anew"):
+            await scene.is_free(robot)
 
 
 async def test_a_robot_that_is_placed_beside_a_motion_during_its_check_is_not_overlooked(tmp_path: Path) -> None:

@@ -15,6 +15,7 @@ from linked_fleet_gateway.extensions.foxglove import messages as foxglove
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, encode_placement, placement_of, pose_in_world
 from linked_fleet_gateway.extensions.world.questions import base_of
 from linked_fleet_gateway.faces import relative_pose
+from linked_fleet_gateway.fleet.carried import CarriedPose
 from linked_fleet_gateway.fleet.events import Described, Framed
 from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
@@ -24,6 +25,8 @@ from linked_fleet_gateway.identity.rights import ALL
 _TURN = math.sqrt(0.5)
 _LEFT = (0.0, 0.0, _TURN, _TURN)
 """A quarter of a turn, counterclockwise."""
+CUP = "/world/objects/cup"
+HELD = {"/world": ORIGIN, CUP: CarriedPose("r", "pan_link", Pose((0.0, 0.0, 0.1), ORIGIN.orientation_xyzw))}
 
 
 @pytest.fixture
@@ -56,3 +59,16 @@ def test_its_links_move_with_its_base_in_every_face(robot: Robot) -> None:
     assert is_at(foxglove.link_poses(robot, placement_of(robot))["pan_link"], 10.0, 2.0, 0.5), "Foxglove"
     asked = relative_pose("/r/pan_link", "/world", {"r": robot}, {"/world": ORIGIN})
     assert is_at(asked.pose, 10.0, 2.0, 0.5), "/world/pose"
+    asked = relative_pose(CUP, "/world", {"r": robot}, HELD)
+    assert is_at(asked.pose, 10.0, 2.0, 0.6) and asked.involves_robot, "what a link holds"
+
+
+def test_what_a_link_holds_has_a_place_in_the_robot_without_a_placement(robot: Robot) -> None:
+    """Its place in the world is unknown, as it is if nobody may know of the robot."""
+    robot.settings = {}
+    in_robot = relative_pose(CUP, "/r/base", {"r": robot}, HELD).pose
+    assert in_robot is not None and in_robot.position_m == pytest.approx((0.0, 0.0, 0.6), abs=1e-6)
+    seen = relative_pose("/r/base", CUP, {"r": robot}, HELD).pose
+    assert seen is not None and seen.position_m == pytest.approx((0.0, 0.0, -0.6), abs=1e-6)
+    assert relative_pose(CUP, "/world", {"r": robot}, HELD).pose is None
+    assert relative_pose(CUP, "/world", {}, HELD).pose is None

@@ -6,8 +6,8 @@ from hypothesis import strategies as st
 
 from linked_fleet_agent.trajectory import through_waypoints
 from linked_fleet_agent.wire.messages import Follow, Move
-from linked_fleet_gateway.extensions.world.path import interpolate
 from linked_fleet_gateway.extensions.world.questions import MOST_CONFIGURATIONS, paths_of, sampled_configurations
+from linked_fleet_gateway.extensions.world.segments import interpolate
 
 values = st.floats(-3, 3)
 

@@ -4,7 +4,7 @@ import { Mesh, MeshBasicMaterial, SphereGeometry, Vector3 } from "three";
 
 import { converted, number } from "./format.js";
 import { wantedGhost } from "./ghost.js";
-import { poseIn, tipsOf } from "./scene_links.js";
+import { linkAt, poseIn, tipsOf } from "./scene_links.js";
 import { build, complete, fetchModel, loadMeshes, meshesOf } from "./scene_model.js";
 import { Ghost } from "./scene_ghost.js";
 import { Motion } from "./scene_motion.js";
@@ -313,6 +313,7 @@ class RobotScene {
   animate(now) {
     if (!this.motion) return false;
     const moved = this.motion.step(now);
+    this.around?.carry((iri) => linkAt(this.robot, document.body.dataset.resource, iri));
     if (moved) this.view.moved(now);
     if (moved) this.picker.refresh();
     if ((moved || this.fresh) && this.mode !== "appearance") this.tint();

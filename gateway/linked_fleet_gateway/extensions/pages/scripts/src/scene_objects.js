@@ -54,9 +54,34 @@ export class Objects extends Group {
     this.changed();
   }
 
-  /** Hide the object that the draft replaces. */
+  /** Hide the object that the draft replaces, and what is held by a link that is not drawn. */
   arrange() {
-    for (const each of this.children) each.visible = each.userData.draft || each.userData.iri !== this.drafted?.instead;
+    for (const each of this.children) {
+      const { draft, iri, holder, carried } = each.userData;
+      each.visible = (draft || iri !== this.drafted?.instead) && (!holder || Boolean(carried));
+    }
+  }
+
+  /**
+   * Move what links of robots hold with these.
+   *
+   * @param {(iri: string) => import("three").Object3D|undefined} linkAt the drawn link with an IRI
+   */
+  carry(linkAt) {
+    const held = this.children.filter(({ userData }) => userData.holder);
+    if (!held.length) return;
+    this.updateWorldMatrix(true, false);
+    for (const each of held) {
+      const link = linkAt(each.userData.holder);
+      each.userData.carried = Boolean(link);
+      if (!link) continue;
+      link.updateWorldMatrix(true, false);
+      put(each, each.userData.pose);
+      each.updateMatrix();
+      const there = this.matrixWorld.clone().invert().multiply(link.matrixWorld).multiply(each.matrix);
+      there.decompose(each.position, each.quaternion, each.scale);
+    }
+    this.arrange();
   }
 
   /**
@@ -72,7 +97,7 @@ export class Objects extends Group {
     const zone = graph.values(node, RDF_TYPE).some(({ value }) => value === lf("KeepOutZone"));
     const mesh = new Mesh(undefined, material(zone));
     mesh.name = graph.value(node, TITLE)?.value ?? "";
-    mesh.userData = { zone, iri, draft: node === DRAFT };
+    mesh.userData = { zone, iri, draft: node === DRAFT, pose, holder: graph.value(node, lf("heldBy"))?.value };
     if (mesh.userData.draft) Object.assign(mesh.material, { transparent: true, opacity: zone ? 0.35 : 0.75 });
     mesh.castShadow = mesh.receiveShadow = !zone;
     put(mesh, pose);

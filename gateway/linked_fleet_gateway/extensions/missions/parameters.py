@@ -1,0 +1,138 @@
+"""The parameters of a mission as the input of its action ``run``: a shape of its own, with a term for each. Pure."""
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from typing import Any
+
+from pyoxigraph import Literal, NamedNode
+
+from linked_fleet_gateway.api import Body, Graph, UnprocessableContent, integer
+from linked_fleet_gateway.extensions.missions.mission import Mission, Parameter
+from linked_fleet_gateway.extensions.missions.terms import LF
+from linked_fleet_gateway.extensions.missions.values import DATATYPES, Value, term, value_of
+from linked_fleet_gateway.faces import ActionDefinition, Offer
+from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.vocabulary import METHODS, NUMERIC, SH, XSD
+
+RUN = "run"
+
+
+def check_value(parameter: Parameter, value: Value) -> Value:
+    """Return a value that a parameter may have. Raises UnprocessableContent."""
+    name = parameter.name
+    if not isinstance(value, _WANTED[parameter.type]) or isinstance(value, bool) != (parameter.type == "boolean"):
+        raise UnprocessableContent(f"The value of {name} is of the type {parameter.type}, not {value!r:.60}.")
+    low, high = parameter.minimum, parameter.maximum
+    if parameter.type in ("number", "integer") and not _is_within(float(value), low, high):
+        bounds = f"{'' if low is None else f'from {low:g} '}{'' if high is None else f'to {high:g}'}"
+        raise UnprocessableContent(f"The value of {name} is a finite number {bounds}, not {value}.")
+    if parameter.options and value not in parameter.options:
+        raise UnprocessableContent(f"The value of {name} is one of {', '.join(parameter.options)[:500]}.")
+    return value
+
+
+_WANTED: dict[str, tuple[type, ...]] = {
+    "number": (int, float), "integer": (int,), "boolean": (bool,), "text": (str,), "iri": (str,),
+}  # fmt: skip
+
+
+def _is_within(value: float, low: float | None, high: float | None) -> bool:
+    return math.isfinite(value) and (low is None or value >= low) and (high is None or value <= high)
+
+
+def predicate_of(mission: str, name: str) -> NamedNode:
+    """Return the predicate of a parameter's value; ``mission`` is the IRI of the mission."""
+    return NamedNode(f"{mission}#{name}")
+
+
+def read_values(body: Body, mission: Mission, iri: str) -> dict[str, Value]:
+    """Return the values that a body gives to the parameters, with their defaults. Raises UnprocessableContent."""
+    found = dict[str, Value]()
+    for each in mission.parameters:
+        given = [
+            triple.object
+            for triple in body.triples
+            if triple.subject == body.root and triple.predicate == predicate_of(iri, each.name)
+        ]
+        if given and isinstance(given[0], NamedNode | Literal):
+            found[each.name] = check_value(each, value_of(given[0], each.type))
+        elif each.default is not None:
+            found[each.name] = each.default
+        else:
+            raise UnprocessableContent(f"The parameter {each.name} has no value, and no default.")
+    return found
+
+
+@dataclass(frozen=True)
+class RunOffer(Offer):
+    """The action ``run`` of a mission, whose input are its parameters."""
+
+    mission: Mission = field(kw_only=True)
+
+    @property
+    def template_key(self) -> object:
+        return None
+
+    @property
+    def declared_by(self) -> str:
+        return self.thing
+
+    @property
+    def values(self) -> tuple[Literal, ...]:
+        return (Literal(self.name),)
+
+    @property
+    def body_is_optional(self) -> bool:
+        return all(each.default is not None for each in self.mission.parameters)
+
+    def _consumes(self, graph: Graph, base: str, numbers: Iterable[Literal]) -> Node:
+        node = graph.blank(SH.NodeShape)
+        for each in self.mission.parameters:
+            graph.add(node, SH.property, _shape(graph, each, predicate_of(base + self.thing, each.name)))
+        return node
+
+
+def _shape(graph: Graph, parameter: Parameter, predicate: NamedNode) -> Node:
+    node = graph.blank()
+    graph.add(node, SH.path, predicate)
+    graph.add(node, SH.name, Literal(parameter.name))
+    if parameter.title:
+        graph.add(node, SH.description, Literal(parameter.title))
+    if parameter.default is None:
+        graph.add(node, SH.minCount, integer(1))
+    graph.add(node, SH.maxCount, integer(1))
+    if parameter.type == "iri":
+        graph.add(node, SH.nodeKind, SH.IRI)
+    elif parameter.type == "number":
+        choices = []
+        for each in NUMERIC:
+            choice = graph.blank()
+            graph.add(choice, SH.datatype, each)
+            choices.append(choice)
+        graph.add(node, SH.or_, graph.collection(choices))
+    else:
+        graph.add(node, SH.datatype, DATATYPES[parameter.type])
+    for bound, number in ((SH.minInclusive, parameter.minimum), (SH.maxInclusive, parameter.maximum)):
+        if number is not None:
+            graph.add(node, bound, Literal(repr(number), datatype=XSD.double))
+    if parameter.options:
+        graph.add(node, SH.in_, graph.collection([term(each, parameter.type) for each in parameter.options]))
+    return node
+
+
+def run_offer(path: str, mission: Mission, handler: Callable[[Any], Any]) -> RunOffer:
+    """Return the action ``run`` of the mission at a path."""
+    definition = ActionDefinition(
+        iri=LF.RunMission,
+        segment=RUN,
+        title="Run",
+        comment="Runs the mission.",
+        offered_by=frozenset(),
+        offered_if=(),
+        capability="",
+        methods=(METHODS.POST,),
+        consumes=LF.RunMission if mission.parameters else None,
+        produces=LF.InvocationShape,
+    )
+    return RunOffer(definition, path, label=mission.title, handler=handler, mission=mission)

@@ -1,0 +1,186 @@
+"""The actions that the steps of a mission invoke: found in the tree, checked with their bodies, and invoked."""
+
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from hashlib import blake2b
+from urllib.parse import unquote
+
+from pyoxigraph import NamedNode
+
+from linked_fleet_gateway.api import Conflict, Core, Invocation, UnprocessableContent, robot_of, thing_at
+from linked_fleet_gateway.extensions.missions.mission import Invoke, Mission, Variable, walk
+from linked_fleet_gateway.extensions.missions.record import Creator, Run
+from linked_fleet_gateway.extensions.missions.values import (
+    Value,
+    is_free,
+    json_body,
+    known_values,
+    rdf_body,
+    sample,
+    variables_of,
+)
+from linked_fleet_gateway.extensions.rules.rule_invocation import find_action
+from linked_fleet_gateway.extensions.rules.template import triples_of
+from linked_fleet_gateway.faces import EVERYBODY, Claims, Identity, Offer, Right, Tree, offers_at
+from linked_fleet_gateway.serving import Caller, Identities, robot_time
+
+Values = Mapping[str, tuple[Value, str]]
+
+
+class RightsEnded(Conflict):
+    """Who runs the mission has lost the right to it."""
+
+
+@dataclass(frozen=True)
+class Targets:
+    """Finds the actions of steps in the fleet, for the callers that may invoke them."""
+
+    core: Core
+
+    def offer(self, step: Invoke, values: Values, base: str, tree: Tree, caller: Identity) -> Offer:
+        """Return the action of a step. Raises UnprocessableContent if there is none, InsufficientScope."""
+        if step.action:
+            return find_action(tree, self._path(step.action, base), caller)
+        iri = str(values[step.of.variable][0]) if isinstance(step.of, Variable) else step.of
+        thing = self._path(iri, base)
+        found = [each for each in self._actions_of(thing) if each.definition.iri.value == step.kind]
+        if not found:
+            kind = step.kind.rpartition("#")[2]
+            raise UnprocessableContent(f"{thing[:200]} has no action of the kind {kind[:100]}.")
+        return find_action(tree, found[0].path, caller)
+
+    def _path(self, iri: str, base: str) -> str:
+        own = next((each for each in (base, *self.core.public_urls) if iri.startswith(each + "/")), None)
+        if own is None:
+            raise UnprocessableContent(f"{iri[:200]} is no resource of this fleet, whose IRIs begin with {base}/.")
+        return unquote(iri[len(own) :])
+
+    def _actions_of(self, thing: str) -> Sequence[Offer]:
+        found = thing_at(thing, self.core.robots)
+        if found is None:
+            raise UnprocessableContent(f"{thing[:200]} is neither a robot, nor a joint or component of one.")
+        return offers_at(*found)
+
+    def named_robots(self, mission: Mission) -> frozenset[str]:
+        """Return the robots that a mission names, in its steps and their bodies."""
+        own = {segment for each in self.core.extensions for segment in each.at_root}
+        return frozenset(filter(None, (self._robot_of(each) for each in _iris(mission)))) - own
+
+    def _robot_of(self, iri: str) -> str | None:
+        own = next((each for each in self.core.public_urls if iri.startswith(each + "/")), None)
+        return None if own is None else robot_of(unquote(iri[len(own) :]))
+
+    # -- checks -----------------------------------------------------------------------------------------------------
+
+    def check(self, mission: Mission, base: str, tree: Tree, caller: Identity) -> None:
+        """Check all steps for which that is possible before the mission has values. Raises UnprocessableContent,
+        InsufficientScope.
+        """
+        kinds = {each.name: each for each in mission.parameters}
+        values: dict[str, tuple[Value, str]] = {name: (sample(each), each.type) for name, each in kinds.items()}
+        for step in invoked(mission):
+            names = variables_of(step)
+            unknown = {name for name in names if name not in kinds or is_free(kinds[name])}
+            if isinstance(step.of, Variable) and step.of.variable in unknown:
+                continue
+            offer = self.offer(step, values, base, tree, caller)
+            if not unknown:
+                self.body(step, offer, values, base)
+
+    def check_run(self, mission: Mission, values: Values, base: str, tree: Tree, caller: Identity) -> None:
+        """Check all steps with the values of a run, but those that need results of other steps. Raises as ``check``."""
+        for step in invoked(mission):
+            offer = self.offer(step, values, base, tree, caller)
+            if variables_of(step) <= values.keys():
+                self.body(step, offer, values, base)
+
+    def body(self, step: Invoke, offer: Offer, values: Values, base: str) -> None:
+        """Check the body of a step by the shape of its action. Raises UnprocessableContent."""
+        if not offer.takes_body:
+            if step.body or step.triples:
+                raise UnprocessableContent(f"{offer.path} takes no body.")
+            return
+        iri = NamedNode(base + offer.path)
+        if step.triples:
+            self.core.check_input(offer, base, rdf_body(step.triples, values, iri))
+        elif step.body is not None or not offer.body_is_optional:
+            self.core.check_json_input(offer, base, json_body(step.body or {}, values))
+
+    def robots(self, mission: Mission, values: Values, base: str, tree: Tree, caller: Identity) -> tuple[str, ...]:
+        """Return the robots that the steps act on. Raises as ``offer``."""
+        offers = [self.offer(each, values, base, tree, caller) for each in invoked(mission)]
+        return tuple(sorted({robot for each in offers if (robot := robot_of(each.path)) is not None}))
+
+    # -- invocation -------------------------------------------------------------------------------------------------
+
+    async def invoke(self, id: str, run: Run, path: str, attempt: int, step: Invoke) -> Invocation:
+        """Invoke the action of a step, at most once for each attempt, whichever gateways ask. Raises FleetError."""
+        identity, values = self.identity(run.creator), known_values(run)
+        tree = self.core.live.tree(run.base, identity.visible_robots)
+        offer = self.offer(step, values, run.base, tree, identity)
+        said = repr((step.triples, step.body, sorted(values.items())))
+        caller = Caller(
+            run.creator.client,
+            lease_token=run.creator.lease_token,
+            # The key cannot equal a client's key, whose characters are all visible.
+            idempotency_key=f"\x1fmission {id} {path} {attempt}",
+            request_digest=blake2b(said.encode(), digest_size=16).hexdigest(),
+            stoppable_robots=identity.view_for(Right.STOP),
+            visible_robots=identity.visible_robots,
+            rule=f"mission {id}",
+            identity=identity,
+        )
+        moment, iri = robot_time(offer.robot), NamedNode(run.base + offer.path)
+        if not offer.takes_body or (step.body is None and not step.triples and offer.body_is_optional):
+            return await self.core.invoke(offer, run.base, caller, (), moment)
+        if step.triples:
+            triples = rdf_body(step.triples, values, iri)
+            return await self.core.invoke(offer, run.base, caller, triples, moment)
+        return await self.core.invoke_json(offer, run.base, caller, json_body(step.body or {}, values), moment)
+
+    def identity(self, creator: Creator) -> Identity:
+        """Return the identity that a run acts for now; everybody if authentication is off. Raises RightsEnded."""
+        identities: Identities | None = self.core.identities
+        if identities is None:
+            return EVERYBODY
+        found = _holder(identities, creator)
+        if found is None:
+            raise RightsEnded("The rights of who runs the mission have ended.")
+        return found
+
+
+def _holder(identities: Identities, creator: Creator) -> Identity | None:
+    roster, now_ns = identities.roster, time.time_ns()
+    if creator.claims is not None:
+        return roster.identity(creator.claims, now_ns)
+    return roster.holder(creator.identity, now_ns)
+
+
+def creator_of(caller: Caller) -> Creator:
+    """Return who runs a mission, as it is kept."""
+    credential = caller.identity.credential
+    claims = credential if isinstance(credential, Claims) else None
+    return Creator(caller.name, caller.identity.name, claims, caller.lease_token)
+
+
+def invoked(mission: Mission) -> Iterable[Invoke]:
+    """Yield the steps of a mission that invoke actions."""
+    return (each for each, _ in walk(mission.step) if isinstance(each, Invoke))
+
+
+def _iris(mission: Mission) -> Iterable[str]:
+    """Yield the IRIs that the steps of a mission and their bodies name."""
+    for step in invoked(mission):
+        yield step.action
+        yield step.of if isinstance(step.of, str) else ""
+        yield from _texts(step.body)
+        yield from (each.object.value for each in triples_of(step.triples) if isinstance(each.object, NamedNode))
+
+
+def _texts(given: object) -> Iterable[str]:
+    if isinstance(given, str):
+        yield given
+    elif isinstance(given, dict | list):
+        for each in given.values() if isinstance(given, dict) else given:
+            yield from _texts(each)

@@ -1,0 +1,290 @@
+"""Missions at two gateways with one Redis and a robot that they move."""
+
+import contextlib
+import json
+import signal
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import httpx
+import pyshacl
+import pytest
+import rdflib
+
+from browser import HYBRIT, LF, SH
+from gateway_group import Gateway, Hub, gateways, hub
+from redis_servers import Servers, single
+from rules_client import sides
+from running import eventually, process
+from small_fleet import live
+
+pytestmark = pytest.mark.virtual
+RAD = "http://qudt.org/vocab/unit/RAD"
+
+
+@dataclass
+class Scene:
+    """Two gateways, and the address of the actions of the robot's joints."""
+
+    memory: Servers
+    hub: Hub
+    one: Gateway
+    other: Gateway
+
+    def rotate(self, joint: str, angle: float | dict[str, str], name: str = "", speed: float = 0.0) -> dict[str, Any]:
+        """Return a step that turns a joint."""
+        body: dict[str, Any] = {"value": angle, "unit": RAD}
+        if speed:
+            body["speedScale"] = speed
+        action = f"{self.one.browser.root}ur5/{joint}/actions/rotate"
+        return {"type": "invoke", "action": action, "body": body, **({"name": name} if name else {})}
+
+    def post(self, step: dict[str, Any], **more: Any) -> httpx.Response:
+        said = {"title": "a mission", "step": step, **more}
+        return self.one.browser.http.post(self.one.browser.root + "missions", json=said)
+
+    def mission(self, *steps: dict[str, Any], **more: Any) -> str:
+        """Post a mission of a sequence and return its IRI."""
+        answer = self.post({"type": "sequence", "steps": list(steps)}, **more)
+        assert answer.status_code == 201, answer.text
+        return answer.headers["location"]
+
+    def run(self, mission: str, values: dict[str, Any] | None = None, **fields: str) -> "Run":
+        url = mission + "/actions/run"
+        answer = self.one.browser.http.post(url, json=values, headers=fields) if values is not None else (
+            self.one.browser.http.post(url, headers=fields))  # fmt: skip
+        assert answer.status_code in (201, 202, 204), answer.text
+        return Run(self, answer.headers["location"])
+
+    def refused(self) -> dict[str, Any]:
+        """Return a step that the robot refuses."""
+        joint = f"{self.one.browser.root}ur5/wrist_2_joint"
+        precondition = {"joint": joint, "value": 3, "unit": RAD, "tolerance": 0.01}
+        step = self.rotate("wrist_2_joint", 0.1)
+        return step | {"body": step["body"] | {"precondition": [precondition]}}
+
+
+@dataclass
+class Run:
+    """A run, as seen at one of the gateways."""
+
+    scene: Scene
+    invocation: str
+
+    def at(self, gateway: Gateway) -> rdflib.Graph:
+        url = f"{gateway.browser.root}mission-runs/{self.invocation.rpartition('/')[2]}"
+        eventually(lambda: gateway.get(url).status_code == 200, "the run at the gateway")
+        answer = gateway.get(url)
+        return rdflib.Graph().parse(data=answer.text, format="turtle")
+
+    def state(self, gateway: Gateway | None = None) -> str:
+        at = gateway or self.scene.one
+        page = at.browser.page(at.here(self.invocation))
+        return str(page.one(LF.state)).rpartition("#")[2]
+
+    def reason(self, gateway: Gateway | None = None) -> str:
+        at = gateway or self.scene.one
+        return str(at.browser.page(at.here(self.invocation)).one(LF.reason))
+
+    def steps(self, gateway: Gateway | None = None) -> dict[str, str]:
+        """Return the states of steps by their paths."""
+        graph = self.at(gateway or self.scene.one)
+        return {
+            str(graph.value(node, LF.stepPath)): str(graph.value(node, LF.state)).rpartition("#")[2]
+            for node in graph.subjects(rdflib.RDF.type, LF.StepRun)
+        }
+
+    def invocations(self, gateway: Gateway | None = None) -> list[str]:
+        graph = self.at(gateway or self.scene.one)
+        nodes = graph.subjects(rdflib.RDF.type, LF.StepRun)
+        return [str(each) for node in nodes for each in graph.objects(node, LF.invocation)]
+
+    def ends(self, state: str, gateway: Gateway | None = None) -> None:
+        eventually(lambda: self.state(gateway) == state, lambda: f"{state}, not {self.state(gateway)}")
+
+    def do(self, action: str, body: dict[str, Any] | None = None) -> httpx.Response:
+        url = f"{self.scene.one.browser.root}mission-runs/{self.invocation.rpartition('/')[2]}/actions/{action}"
+        http = self.scene.one.browser.http
+        return http.post(url) if body is None else http.post(url, json=body)
+
+
+@pytest.fixture
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
+    with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre, contextlib.ExitStack() as stack:
+        stack.enter_context(process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", centre.endpoint))
+        one, other = stack.enter_context(gateways(centre, memory.url))
+        for each in (one, other):
+            live(each.browser, "ur5")
+        yield Scene(memory, centre, one, other)
+
+
+def test_a_sequence_runs_to_its_end_and_shows_its_parts(scene: Scene) -> None:
+    mission = scene.mission(
+        scene.rotate("wrist_3_joint", 0.3, "turn"),
+        {"type": "notify", "text": "half way"},
+        scene.rotate("wrist_3_joint", 0.0),
+    )
+    run = scene.run(mission)
+    run.ends("succeeded")
+    assert run.steps(scene.other) == {"0.0": "succeeded", "0.1": "succeeded", "0.2": "succeeded"}
+    assert len(run.invocations()) == 2
+    assert "half way" in {str(each) for each in run.at(scene.one).objects(None, LF.note)}
+
+
+def test_parameters_are_the_input_of_the_action(scene: Scene) -> None:
+    parameters = [{"name": "angle", "type": "number", "minimum": -1, "maximum": 1, "title": "where to"}]
+    mission = scene.mission(scene.rotate("wrist_3_joint", {"variable": "angle"}), parameters=parameters)
+    shape = scene.one.browser.page(mission + "/actions/run")
+    assert (None, SH.name, rdflib.Literal("angle")) in shape.graph
+    for wrong in ({}, {"angle": 2}, {"angle": "far"}, {"angle": 0.2, "other": 1}):
+        answer = scene.one.browser.http.post(mission + "/actions/run", json=wrong)
+        assert answer.status_code == 422, (wrong, answer.text)
+    run = scene.run(mission, {"angle": 0.2})
+    run.ends("succeeded")
+    (invocation,) = run.invocations()
+    assert '"0.2"' in scene.one.get(invocation).text
+
+
+@pytest.mark.parametrize(
+    ("step", "says"),
+    [
+        ({"type": "invoke", "action": "ROOT/ur5/wrist_3_joint/actions/fly"}, "no action at"),
+        ({"type": "invoke", "action": "https://example.org/a"}, "no resource of this fleet"),
+        (
+            {"type": "invoke", "action": "ROOT/ur5/wrist_3_joint/actions/rotate", "body": {"value": 99, "unit": RAD}},
+            "99",
+        ),
+        ({"type": "invoke", "action": "ROOT/ur5/wrist_3_joint/actions/rotate", "body": {"valeu": 1}}, "valeu"),
+        ({"type": "invoke", "action": "ROOT/ur5/actions/stop", "body": {"value": 1}}, "takes no body"),
+        ({"type": "dance"}, "dance"),
+        ({"type": "sequence", "steps": []}, "steps"),
+        ({"type": "wait"}, "one of seconds, until and condition"),
+        ({"type": "wait", "until": "tomorrow"}, "xsd:dateTime"),
+        ({"type": "wait", "seconds": -1}, "seconds"),
+        ({"type": "wait", "condition": "SELECT WHERE"}, "condition"),
+        ({"type": "repeat", "times": 0, "step": {"type": "notify", "text": "x"}}, "times"),
+        ({"type": "invoke", "kind": "https://w3id.org/linked-fleet#Rotate", "of": {"variable": "where"}}, "where"),
+    ],
+)  # fmt: skip
+def test_what_cannot_run_is_refused_with_its_reason(scene: Scene, step: dict[str, Any], says: str) -> None:
+    text = json.dumps(step).replace("ROOT/", scene.one.browser.root)
+    answer = scene.post(json.loads(text))
+    assert answer.status_code == 422, answer.text
+    assert says in answer.json()["detail"]
+
+
+def test_a_mission_can_be_sent_back_as_it_is_served(scene: Scene) -> None:
+    mission = scene.mission(
+        {"type": "parallel", "steps": [scene.rotate("wrist_3_joint", 0.1), {"type": "wait", "seconds": 1}]},
+        {"type": "firstOf", "steps": [{"type": "confirm", "text": "go?"}, {"type": "notify", "text": "no"}]},
+        {"type": "repeat", "times": 2, "step": {"type": "wait", "condition": "SELECT ?a WHERE { ?a ?b ?c }"}},
+        parameters=[{"name": "who", "type": "text", "options": ["a", "b"]}],
+        holds=True,
+    )
+    http = scene.one.browser.http
+    said = http.get(mission, headers={"accept": "application/json"}).json()
+    turtle = http.get(mission, headers={"accept": "text/turtle"}).text
+    answer = http.put(mission, content=turtle, headers={"content-type": "text/turtle"})
+    assert answer.status_code == 204, answer.text
+    assert http.get(mission, headers={"accept": "application/json"}).json() == said
+    assert http.put(mission, json=said).status_code == 204
+    page = scene.one.browser.page(mission)
+    for blueprint in page.graph.objects(page.iri, HYBRIT.blueprint):
+        shapes = scene.one.browser.page(str(blueprint)).graph
+        conforms, _, text = pyshacl.validate(page.graph, shacl_graph=shapes)
+        assert conforms, text
+
+
+def test_a_failed_step_ends_the_run_and_cancels_what_runs_beside_it(scene: Scene) -> None:
+    far = scene.rotate("wrist_3_joint", 3.0, speed=0.1)
+    answer = scene.post({"type": "parallel", "steps": [far, scene.refused()]})
+    assert answer.status_code == 201, answer.text
+    run = scene.run(answer.headers["location"])
+    run.ends("failed")
+    assert run.steps() == {"0.0": "cancelled", "0.1": "failed"}
+
+
+def test_first_of_goes_on_with_the_next_one(scene: Scene) -> None:
+    answer = scene.post({"type": "firstOf", "steps": [scene.refused(), scene.rotate("wrist_3_joint", 0.2)]})
+    run = scene.run(answer.headers["location"])
+    run.ends("succeeded")
+    assert run.steps() == {"0.0": "failed", "0.1": "succeeded"}
+
+
+def test_people_pause_resume_confirm_retry_and_skip(scene: Scene) -> None:
+    mission = scene.mission(
+        {"type": "confirm", "text": "Is the gripper empty?"}, {"type": "confirm", "text": "And now?"}, holds=True
+    )
+    run = scene.run(mission)
+    eventually(lambda: run.steps() == {"0.0": "waiting"}, "the question")
+    assert run.do("pause").status_code == 204
+    assert run.do("pause").status_code == 409
+    assert run.do("confirm", {"step": "0.0", "confirmed": True}).status_code == 204
+    assert run.steps() == {"0.0": "succeeded"}
+    assert run.do("resume").status_code == 204
+    eventually(lambda: run.steps().get("0.1") == "waiting", "the next question")
+    assert run.do("confirm", {"step": "0.1", "confirmed": False}).status_code == 204
+    eventually(lambda: (None, LF.state, LF.blocked) in run.at(scene.one), "blocked")
+    assert run.state() == "running"
+    assert run.do("retry", {"step": "0.1"}).status_code == 204
+    eventually(lambda: run.steps().get("0.1") == "waiting", "the question again")
+    assert run.do("skip", {"step": "0.7"}).status_code == 422
+    assert run.do("skip", {"step": "0.1"}).status_code == 204
+    run.ends("succeeded")
+
+
+def test_a_cancelled_run_stops_its_step(scene: Scene) -> None:
+    run = scene.run(scene.mission(scene.rotate("wrist_3_joint", 3.0, speed=0.1), {"type": "notify", "text": "x"}))
+    eventually(lambda: run.steps().get("0.0") == "running", "the motion")
+    (step,) = run.invocations()
+    record = f"{scene.one.browser.root}mission-runs/{run.invocation.rpartition('/')[2]}"
+    assert scene.one.browser.http.delete(record).status_code == 409
+    assert scene.one.browser.http.post(run.invocation + "/actions/cancel").status_code == 204
+    run.ends("cancelled")
+    assert str(scene.one.browser.page(step).one(LF.state)).endswith("#cancelled")
+    assert scene.one.browser.http.delete(record).status_code == 204
+
+
+@pytest.mark.parametrize("path", ["actions/stopAll", "ur5/actions/stop"])
+def test_a_stop_of_its_robot_ends_a_run(scene: Scene, path: str) -> None:
+    run = scene.run(scene.mission({"type": "wait", "seconds": 5}, scene.rotate("wrist_3_joint", 0.5)))
+    eventually(lambda: run.steps(scene.other) == {"0.0": "waiting"}, "the wait at the other gateway")
+    assert scene.other.browser.http.post(scene.other.browser.root + path).status_code == 204
+    run.ends("failed")
+    assert "stopped by a client" in run.reason()
+    assert run.steps() == {"0.0": "cancelled"}
+
+
+def test_another_gateway_goes_on_when_one_dies(scene: Scene) -> None:
+    mission = scene.mission(
+        scene.rotate("wrist_3_joint", 1.0, speed=0.2),
+        scene.rotate("wrist_3_joint", 0.0),
+        scene.rotate("wrist_3_joint", 0.2),
+    )
+    run = scene.run(mission)
+    eventually(lambda: run.steps(scene.other).get("0.0") == "running", "the first step")
+    scene.one.process.send(signal.SIGKILL)
+    run.ends("succeeded", scene.other)
+    assert run.steps(scene.other) == {"0.0": "succeeded", "0.1": "succeeded", "0.2": "succeeded"}
+    assert len(run.invocations(scene.other)) == 3
+
+
+def test_a_condition_is_waited_for(scene: Scene) -> None:
+    condition = sides(f"{scene.one.browser.root}ur5/wrist_3_joint").replace(
+        "BIND(?x / 10", "FILTER(?x > 0.4) BIND(?x / 10"
+    )
+    mission = scene.mission(
+        {"type": "wait", "condition": condition, "within": 600}, {"type": "notify", "text": "there"}
+    )
+    run = scene.run(mission)
+    eventually(lambda: run.steps() == {"0.0": "waiting"}, "waits")
+    url = f"{scene.one.browser.root}ur5/wrist_3_joint/actions/rotate"
+    assert scene.one.browser.http.post(url, json={"value": 0.6, "unit": RAD}).status_code == 204
+    run.ends("succeeded")
+
+
+def test_an_idempotency_key_begins_one_run(scene: Scene) -> None:
+    mission = scene.mission({"type": "wait", "seconds": 1})
+    fields = {"idempotency-key": '"k"'}
+    assert scene.run(mission, **fields).invocation == scene.run(mission, **fields).invocation
