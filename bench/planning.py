@@ -20,6 +20,7 @@ from bench.planning_scenes import ARMS, Scene, scene
 from bench.table import Row, bounded, known, markdown, percentile
 from linked_fleet_gateway.extensions.planning.finder import find
 from linked_fleet_gateway.extensions.planning.messages import PathFound
+from linked_fleet_gateway.extensions.world.checks import CLOSEST_S
 from linked_fleet_gateway.extensions.world.messages import Free
 from linked_fleet_gateway.extensions.world.questions import legs_through
 
@@ -51,7 +52,7 @@ def rows(_: float, scenes: int = SCENES) -> list[Row]:
 
 
 def _rows(trials: Sequence[Trial]) -> list[Row]:
-    return [*_found_rows(trials), *_time_rows(trials), *_path_rows(trials)]
+    return [*_found_rows(trials), *_time_rows(trials), *_path_rows(trials), *_closest_rows(trials)]
 
 
 def measured(name: str, scenes: int) -> Iterator[Trial]:
@@ -136,6 +137,27 @@ def _path_rows(trials: Sequence[Trial]) -> Iterator[Row]:
         near = [nearest for nearest in each if nearest is not None]
         yield bounded(f"contacts of exact meshes on a path{what}", "paths", sum(min(n) <= 0.0 for n in near), 0)
         yield known(f"least distance to what is around{what}", "mm", 1e3 * min(n.around_m for n in near))
+
+
+def _closest_rows(trials: Sequence[Trial]) -> Iterator[Row]:
+    """Yield what it costs to find where a path comes closest to something, beside the check."""
+    costs, uncertain_m = list[float](), list[float]()
+    for each in trials:
+        if each.found is None:
+            continue
+        it, found = each.scene, each.found
+        legs = legs_through(found.joints, found.times_s, found.positions, it.start)
+        began_s = time.process_time()
+        it.checked(legs)
+        checked_s = time.process_time()
+        answer = it.checked(legs, CLOSEST_S)
+        costs.append(time.process_time() - checked_s - (checked_s - began_s))
+        assert isinstance(answer, Free) and answer.closest is not None
+        uncertain_m.append(answer.closest.uncertain_m)
+    for name, share in (("p50", 0.5), ("p95", 0.95)):
+        what = f"closest distance of a path, beside its check, {name} of the processor"
+        yield known(what, "ms", 1e3 * percentile(costs, share))
+    yield known("uncertainty of the closest distance, p95", "mm", 1e3 * percentile(uncertain_m, 0.95))
 
 
 def _longer(name: str, ratio: float) -> Row:

@@ -14,6 +14,7 @@ from functools import cached_property, lru_cache
 import coal
 import numpy as np
 import pinocchio as pin
+from msgspec.structs import replace
 
 from bench.collisions import robot_of
 from bench.planning_forms import Array, pose, shelf, table, turned_to
@@ -154,8 +155,9 @@ class Scene:
         path = MotionPath(self.arm.home | self.start, legs)
         return Check(Placement(self.arm.name, self.arm.name, _AT_ROOT), (path,), (), places, _CHECK_S)
 
-    def checked(self, legs: tuple[PathSegment, ...]) -> Answer:
-        return check(self.around(legs), self.robots, self.objects)
+    def checked(self, legs: tuple[PathSegment, ...], closest_within_s: float = 0.0) -> Answer:
+        around = replace(self.around(legs), closest_within_s=closest_within_s)
+        return check(around, self.robots, self.objects)
 
     def digest(self) -> int:
         """Return a number by which a changed scene is noticed."""

@@ -10,7 +10,7 @@ import pytest
 
 from browser import Browser
 from commanding import ended
-from linked_fleet_gateway.extensions.planning import planner
+from linked_fleet_gateway.extensions.planning import kept_plans, planner
 from running import eventually, process
 from scene_client import contents, crate, put_object, put_robot
 from small_fleet import Place, live
@@ -25,8 +25,12 @@ HOME = {1: 0.0, 2: -0.785, 3: 0.0, 4: -2.356, 5: 0.0, 6: 1.571, 7: 0.785}
 
 
 @pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    place = Place(tmp_path_factory.mktemp("world"))
+def place(tmp_path_factory: pytest.TempPathFactory) -> Place:
+    return Place(tmp_path_factory.mktemp("world"))
+
+
+@pytest.fixture(scope="module")
+def browser(place: Place) -> Iterator[Browser]:
     robots = process("-m", "linked_fleet_agent", "--robot=panda", "--robot=ur5", "--connect", place.zenoh)
     with robots, place.gateway() as (_, browser):
         for name in ("panda", "ur5"):
@@ -46,6 +50,16 @@ def panda(browser: Browser) -> "Iterator[Arm]":
     yield arm
 
 
+def prepared(browser: Browser, url: str, content: str, headers: dict[str, str]) -> httpx.Response:
+    """Return the answer to a POST once the shapes are prepared."""
+
+    def answered() -> httpx.Response | None:
+        answer = browser.http.post(url, content=content, headers=headers)
+        return None if answer.status_code == 503 else answer
+
+    return eventually(answered, "an answer that is not 503")
+
+
 class Arm:
     """A client that moves Panda."""
 
@@ -54,13 +68,9 @@ class Arm:
 
     def post(self, action: str, body: dict[str, Any], prefer: str = "") -> httpx.Response:
         """Send a request once the shapes are prepared."""
-        headers = {"accept": "application/json"} | ({"prefer": prefer} if prefer else {})
-
-        def answered() -> httpx.Response | None:
-            answer = self.browser.http.post(f"{self.root}actions/{action}", json=body, headers=headers)
-            return None if answer.status_code == 503 else answer
-
-        return eventually(answered, "an answer that is not 503")
+        headers = {"content-type": "application/json", "accept": "application/json"}
+        headers |= {"prefer": prefer} if prefer else {}
+        return prepared(self.browser, f"{self.root}actions/{action}", json.dumps(body), headers)
 
     def body(self, positions: dict[int, float], path: str = "") -> dict[str, Any]:
         targets = [
@@ -111,6 +121,19 @@ def test_a_rehearsal_shows_the_path(panda: Arm) -> None:
     assert {each["joint"]: each["value"] for each in said["waypoint"][-1]["target"]} == pytest.approx(
         {f"{panda.root}panda_joint{n}": value for n, value in BESIDE.items()}, abs=1e-5
     )
+
+
+def test_a_rehearsal_says_where_the_robot_comes_closest_to_what(panda: Arm) -> None:
+    direct = panda.post("moveJoints", panda.body({1: -1.2}), "dry-run").json()["closest"][0]
+    (crate_iri,) = contents(panda.browser)
+    assert crate_iri in direct["things"] and direct["clearance"]["value"] > 0.01, direct
+    assert direct["share"] == 0.0 and "atTime" not in direct, "it turns away from the crate"
+    planned = panda.post("moveJoints", panda.body(BESIDE, "Planned"), "dry-run").json()
+    (near,) = planned["closest"]
+    assert near["things"][1] == crate_iri and near["title"].endswith("crate (obstacle)"), near
+    assert 0.01 <= near["clearance"]["value"] < 0.2 and near["uncertainty"]["value"] <= 0.01
+    assert 0.0 < near["atTime"] < planned["duration"]["value"]
+    assert abs(near["position"]["x"] - 0.5) < 0.3 and abs(near["position"]["y"] - 0.35) < 0.3
 
 
 def test_a_planned_path_keeps_to_the_speed_that_was_asked_for(panda: Arm) -> None:
@@ -207,3 +230,173 @@ def test_an_arm_that_moves_is_refused_a_planned_path(panda: Arm) -> None:
     assert refused.status_code == 409 and "is moving" in refused.json()["detail"], refused.text
     panda.browser.http.post(f"{panda.root}actions/stop")
     ended(panda.browser, moving.headers["location"])
+
+
+# -- kept plans -----------------------------------------------------------------------------------------------------
+
+
+def rehearsed(arm: Arm, **more: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the body of a planned motion, and what its rehearsal says."""
+    body = arm.body(BESIDE, "Planned") | more
+    answer = arm.post("moveJoints", body, "dry-run")
+    assert answer.status_code == 200, answer.text
+    return body, answer.json()
+
+
+def changed(answer: httpx.Response) -> dict[str, Any]:
+    """Return the refusal of a plan because something has changed."""
+    assert answer.status_code == 409 and answer.json()["type"].endswith("#changed"), answer.text
+    said: dict[str, Any] = answer.json()
+    return said
+
+
+def test_a_plan_is_carried_out_as_it_was_rehearsed(panda: Arm) -> None:
+    body, said = rehearsed(panda)
+    again = panda.post("moveJoints", body | {"plan": said["plan"]}, "dry-run").json()
+    assert again["waypoint"] == said["waypoint"] and again["plan"] == said["plan"]
+    headers = {"idempotency-key": '"once"', "accept": "application/json"}
+    first, repeated = (
+        panda.browser.http.post(f"{panda.root}actions/moveJoints", json=body | {"plan": said["plan"]}, headers=headers)
+        for _ in range(2)
+    )
+    assert first.status_code == 204 and repeated.headers["location"] == first.headers["location"], repeated.text
+    ended(panda.browser, first.headers["location"])
+    invocation = panda.browser.http.get(first.headers["location"], headers={"accept": "application/json"}).json()
+    assert invocation["state"] == f"{TERMS}succeeded" and invocation["duration"] == said["duration"]
+    assert invocation["plannedBecause"] == said["plannedBecause"]
+    assert "is at" in changed(panda.post("moveJoints", body | {"plan": said["plan"]}))["detail"], "it is at the goal"
+
+
+def test_a_plan_goes_to_another_gateway_and_another_syntax(panda: Arm, place: Place) -> None:
+    targets = " , ".join(
+        f"[ lf:ofJoint <{panda.root}panda_joint{n}> ; vom:numericalValue {value} ; vom:unit unit:RAD ]"
+        for n, value in BESIDE.items()
+    )
+    prefixes = (
+        f"@prefix lf: <{TERMS}> . @prefix unit: <{UNITS}> . @prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> . "
+    )
+    turtle = f"[] a lf:JointTargets ; lf:path lf:Planned ; lf:target {targets} %s ."
+    headers = {"content-type": "text/turtle", "prefer": "dry-run", "accept": "application/json"}
+    action = f"{panda.root}actions/moveJoints"
+    said = panda.browser.http.post(action, content=prefixes + turtle % "", headers=headers).json()
+    with Place(place.state, zenoh=place.zenoh).gateway() as (_, other):
+        live(other, "panda")
+        content = (prefixes + turtle % f"; lf:plan '{said['plan']}'").replace(panda.browser.root, other.root)
+        there = prepared(other, f"{other.root}panda/actions/moveJoints", content, headers)
+    assert there.status_code == 200, there.text
+    one, two = ([each["target"] for each in answer["waypoint"]] for answer in (said, there.json()))
+    assert [[each["value"] for each in row] for row in one] == [[each["value"] for each in row] for row in two]
+
+
+def test_a_plan_that_something_has_come_into_is_refused_by_name(panda: Arm) -> None:
+    body, said = rehearsed(panda)
+    put_object(panda.browser, crate("late", 0.15, 0.45, 0.5, 120))
+    refused = changed(panda.post("moveJoints", body | {"plan": said["plan"]}))
+    assert "late" in refused["detail"] and refused["names"][1].startswith("late") and len(refused["point"]) == 3
+
+
+def test_a_plan_is_refused_once_the_robot_stands_elsewhere(panda: Arm) -> None:
+    body, said = rehearsed(panda)
+    panda.go({6: HOME[6] - 0.1})
+    assert "panda_joint6" in changed(panda.post("moveJoints", body | {"plan": said["plan"]}))["detail"]
+    panda.go({6: HOME[6]})
+    put_robot(panda.browser, "panda", 0.05, 0, 0)
+    assert "placement" in changed(panda.post("moveJoints", body | {"plan": said["plan"]}))["detail"]
+
+
+def test_a_plan_belongs_to_its_request(panda: Arm) -> None:
+    body, said = rehearsed(panda)
+    other = panda.body(BESIDE | {7: 0.6}, "Planned") | {"plan": said["plan"]}
+    assert "another one" in changed(panda.post("moveJoints", other))["detail"]
+    assert "no such plan" in changed(panda.post("moveJoints", body | {"plan": "nothing"}))["detail"]
+
+
+def test_reach_offers_a_plan_for_its_direct_path_too(panda: Arm) -> None:
+    place = {"x": 0.45, "y": -0.2, "z": 0.5, "unit": f"{UNITS}M"}
+    body = {"link": f"{panda.root}panda_hand", "position": place}
+    said = panda.post("reach", body, "dry-run").json()
+    assert "plannedBecause" not in said
+    moved = panda.post("reach", body | {"plan": said["plan"]})
+    assert moved.status_code == 204, moved.text
+    ended(panda.browser, moved.headers["location"])
+
+
+def test_a_client_keeps_a_few_plans_only(panda: Arm) -> None:
+    body, first = rehearsed(panda)
+    for _ in range(kept_plans.MOST_OF_ONE):
+        rehearsed(panda)
+    assert "no such plan" in changed(panda.post("moveJoints", body | {"plan": first["plan"]}))["detail"]
+
+
+# -- constraints ----------------------------------------------------------------------------------------------------
+
+TURN = {1: 0.9}
+"""A turn of the whole arm, by which the hand stays as upright as it is."""
+
+
+def constrained(arm: Arm, positions: dict[int, float], **constraints: Any) -> httpx.Response:
+    tip = {"tip": f"{arm.root}panda_hand"}
+    return arm.post("moveJoints", arm.body(positions, "Planned") | tip | constraints, "dry-run")
+
+
+def quantity(value: float, unit: str) -> dict[str, Any]:
+    return {"value": value, "unit": UNITS + unit}
+
+
+def point(x: float, y: float, z: float) -> dict[str, Any]:
+    return {"x": x, "y": y, "z": z, "unit": f"{UNITS}M"}
+
+
+def test_a_motion_keeps_to_constraints(panda: Arm) -> None:
+    upright, speed = quantity(15, "DEG"), quantity(100, "MilliM-PER-SEC")
+    said = constrained(panda, {1: -0.6}, upright=upright, tipSpeed=speed)
+    assert said.status_code == 200, said.text
+    seen = said.json()
+    assert seen["plannedBecause"] == "it keeps to constraints"
+    assert seen["duration"]["value"] > 0.6 * 0.5 / 0.1, "the hand is about half a metre from the axis"
+    assert seen["leastManipulability"]["value"] > 0.0 and seen["leastManipulabilityTime"]["value"] >= 0.0
+    body = panda.body({1: -0.6}, "Planned") | {"tip": f"{panda.root}panda_hand", "upright": upright, "tipSpeed": speed}
+    moved = panda.post("moveJoints", body | {"plan": seen["plan"]})
+    assert moved.status_code == 204, moved.text
+    ended(panda.browser, moved.headers["location"])
+    invocation = panda.browser.http.get(moved.headers["location"], headers={"accept": "application/json"}).json()
+    assert invocation["leastManipulability"] == seen["leastManipulability"]
+
+
+@pytest.mark.parametrize(
+    ("positions", "constraints", "broken", "share", "says"),
+    [
+        (
+            {5: 1.0},
+            {"upright": quantity(10, "DEG")},
+            "upright",
+            1.0,
+            "from the vertical, and may be 10.0°, at its goal",
+        ),
+        (TURN, {"upright": quantity(10, "DEG") | {"axis": "x"}}, "upright", 0.0, "its axis x is 90.0°"),
+        (TURN, {"stayIn": {"lower": point(0.2, -1, 0), "upper": point(0.4, 1, 2)}}, "stayIn", 1.0, "at least 0.200 m"),
+        (TURN, {"leastManipulability": 5}, "leastManipulability", 0.0, "may be 5 at least, where the motion begins"),
+    ],
+)
+def test_what_cannot_keep_to_a_constraint_says_why(
+    panda: Arm, positions: dict[int, float], constraints: dict[str, Any], broken: str, share: float, says: str
+) -> None:
+    refused = constrained(panda, {n: HOME[n] + by for n, by in positions.items()}, **constraints)
+    assert refused.status_code == 409, refused.text
+    said = refused.json()
+    assert said["type"].endswith("#breaks-constraint") and says in said["detail"], said
+    assert said["broken"] == TERMS + broken and said["share"] == share and "limit" in said and "value" in said
+
+
+def test_a_motion_that_takes_hours_is_refused(panda: Arm) -> None:
+    refused = constrained(panda, TURN, tipSpeed=quantity(1e-6, "M-PER-SEC"))
+    assert refused.status_code == 409 and "takes at most 3600 s" in refused.json()["detail"], refused.text
+
+
+def test_constraints_need_a_path_and_a_sense(panda: Arm) -> None:
+    plain = panda.post("moveJoints", panda.body(TURN) | {"upright": quantity(10, "DEG")}, "dry-run")
+    assert plain.status_code == 422 and "add lf:path lf:Planned" in plain.json()["detail"]
+    inside_out = constrained(panda, TURN, stayIn={"lower": point(1, -1, 0), "upper": point(-1, 1, 2)})
+    assert inside_out.status_code == 422 and "x from 1 m to -1 m" in inside_out.json()["detail"]
+    still = constrained(panda, {7: 0.0}, tip=f"{panda.root}panda_link3", upright=quantity(10, "DEG"))
+    assert still.status_code == 422 and "does not move panda_link3" in still.json()["detail"]

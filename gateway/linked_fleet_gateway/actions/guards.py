@@ -8,6 +8,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.actions.plan import Caller, Motion, slowed
 from linked_fleet_gateway.base.errors import Busy, MotionRefused
+from linked_fleet_gateway.fleet.kept_plan import KeptPlan
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
 from linked_fleet_gateway.identity.rights import View
@@ -44,6 +45,9 @@ class Paths(Protocol):
 
         It is None if there is no other one. Raises MotionRefused, Conflict, UnprocessableContent, Busy.
         """
+
+    async def keep(self, motion: Motion) -> KeptPlan | None:
+        """Keep a rehearsed motion, so that another request can have the very same one; None if it is not kept."""
 
 
 class MotionPlanner(Protocol):

@@ -41,7 +41,9 @@ from linked_fleet_gateway.actions.refusals import (
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, MotionRefused, Unimplemented
+from linked_fleet_gateway.fleet.closest import Closest
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
+from linked_fleet_gateway.fleet.kept_plan import KeptPlan
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
@@ -61,8 +63,9 @@ class Rehearsal:
 
     ``findings``: whether each guard found the path free, by its predicate. ``unchecked``: the links that the guards
     did not cover, each after its path. ``facts`` are further values, by name (SI). ``limited`` says why the guards
-    reduce its speed. ``path`` is the one that was planned, and ``detour`` why it is not the direct one. ``things`` are
-    what the findings depend on, each a predicate and a path.
+    reduce its speed. ``path`` is the one that was planned, and ``detour`` why it is not the direct one. ``closest`` is
+    where guards found it closest to something. ``plan`` is the one that is kept for a request of this very motion.
+    ``things`` are what the findings depend on, each a predicate and a path.
     """
 
     duration_s: float
@@ -73,6 +76,8 @@ class Rehearsal:
     limited: str = ""
     path: Follow | None = None
     detour: str = ""
+    closest: tuple[Closest, ...] = ()
+    plan: KeptPlan | None = None
     things: tuple[tuple[NamedNode, str], ...] = ()
 
 
@@ -254,8 +259,8 @@ class Actions:
         if motion.moves:
             self.lifecycle.stops.check_motion(robot.name)
         await self._opening.check(robot.name, caller, required_lease_id(robot) if motion.tied_to_lease else "")
-        began_ns = time.monotonic_ns()
-        motion, findings = await self.guards.on_free_path(motion, caller, "", self.guards.paths(motion, caller, ""))
+        began_ns, paths = time.monotonic_ns(), self.guards.paths(motion, caller, "")
+        motion, findings = await self.guards.on_free_path(motion, caller, "", paths)
         waited_ns += self._stalls.elapsed_ns(began_ns)
         motion, why = limited(motion, findings)
         try:
@@ -268,8 +273,11 @@ class Actions:
         free = {predicate: finding.free for predicate, finding in findings.items()}
         links, facts, path = unchecked(findings), dict(motion.facts), motion.motion if motion.detour else None
         assert not isinstance(path, Move | Act)  # a planned path has waypoints
+        near = tuple(each.closest for each in findings.values() if each.closest is not None)
         things = tuple(each for finding in findings.values() for each in finding.things)
-        return Rehearsal(reply.duration_s, reply.preempts, free, links, facts, why, path, motion.detour, things)
+        kept = None if paths is None else await paths.keep(motion)
+        took_s, ends, why_planned = reply.duration_s, reply.preempts, motion.detour
+        return Rehearsal(took_s, ends, free, links, facts, why, path, why_planned, near, kept, things)
 
     async def _send(self, invocation: Invocation, command: Command | Operate) -> Reply:
         try:

@@ -200,7 +200,8 @@ class MotionRefused(FleetError):
     @classmethod
     def type_for_code(cls, code: str) -> "type[MotionRefused] | None":
         """Return the guard error with this code, or None."""
-        return next((each for each in (cls, *cls.__subclasses__()) if each.code == code), None)
+        below = (each.type_for_code(code) for each in cls.__subclasses__())
+        return cls if cls.code == code else next((each for each in below if each is not None), None)
 
 
 class StopOwed(MotionRefused):

@@ -5,6 +5,8 @@ from collections.abc import Iterable
 from msgspec import Struct
 from pyoxigraph import NamedNode
 
+from linked_fleet_gateway.fleet.closest import Closest
+
 _MOST_NAMED = 3
 
 
@@ -24,6 +26,7 @@ class Finding(Struct, frozen=True):
 
     ``unchecked`` are the links that the check did not cover, each after its path. The path is free for a drive at a
     ``speed_share`` of its speed, for the reason ``limited``, if that begins before ``until_ns`` of the robot's clock.
+    ``closest`` is where a motion that is rehearsed comes closest to something.
     ``things`` are what it depends on, each a predicate and a path, which rehearsals state.
     """
 
@@ -32,6 +35,7 @@ class Finding(Struct, frozen=True):
     speed_share: float = 1.0
     limited: str = ""
     until_ns: int = 0
+    closest: Closest | None = None
     things: tuple[tuple[NamedNode, str], ...] = ()
 
 

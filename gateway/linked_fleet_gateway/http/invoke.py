@@ -308,6 +308,8 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, 
             rehearsed.limited,
             rehearsed.path,
             rehearsed.detour,
+            rehearsed.closest,
+            rehearsed.plan,
             rehearsed.things,
         )
 

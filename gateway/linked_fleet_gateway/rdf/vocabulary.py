@@ -117,7 +117,8 @@ LF = Namespace(
     # predicates: what actions take and invocations tell
     " speed speedScale precondition tolerance tiedTo waypoint atTime poseName namedPose input duration progress"
     " preempts preemptedBy limitedBecause plannedBecause pathDeviation positionResidual orientationResidual answer"
-    " ofRobot currentTask"
+    " ofRobot currentTask closest clearance uncertainty nearTo share plan leastManipulability"
+    " leastManipulabilityTime"
     " lastMoved moving modelName batteryCharge InvocationList"
     # predicates: control and settings
     " lease holder priority expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"

@@ -9,7 +9,9 @@ from collections.abc import Iterable, Mapping
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 
 from linked_fleet_agent.wire.messages import Follow
+from linked_fleet_gateway.fleet.closest import Closest
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_gateway.fleet.kept_plan import KeptPlan
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, Node, Unit, number, timestamp
@@ -32,6 +34,8 @@ _FACTS: dict[str, tuple[NamedNode, Unit]] = {
     "positionResidual": (LF.positionResidual, METRE),
     "orientationResidual": (LF.orientationResidual, RADIAN),
     "pathDeviation": (LF.pathDeviation, METRE),
+    "leastManipulability": (LF.leastManipulability, UNITLESS),
+    "leastManipulabilityTime": (LF.leastManipulabilityTime, SECOND),
     "speedShare": (LF.speedScale, UNITLESS),
 }
 MOST_WAYPOINTS = 40
@@ -114,14 +118,17 @@ def describe_rehearsal(
     limited: str = "",
     path: Follow | None = None,
     detour: str = "",
+    closest: Iterable[Closest] = (),
+    plan: KeptPlan | None = None,
     things: Iterable[tuple[NamedNode, str]] = (),
 ) -> None:
     """Describe the effect that the action would have, for the preference ``dry-run``.
 
     ``findings``: whether the guards of motions found the path free, by their predicates; False if it is unknown.
     ``unchecked``: the links that they did not cover. ``limited``: why they reduce its speed.
-    ``path`` is a path that was planned, and ``detour`` why it is not the direct one. ``things`` are what the findings
-    depend on, by predicate and path.
+    ``path`` is a path that was planned, and ``detour`` why it is not the direct one. ``closest``: where it comes
+    closest to something. ``plan`` is kept for a request of this very motion. ``things`` are what the
+    findings depend on, by predicate and path.
     """
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
@@ -135,12 +142,31 @@ def describe_rehearsal(
     for predicate, path_of in things:
         graph.add(iri, predicate, NamedNode(base + path_of))
     _add_limit(graph, iri, limited, detour)
+    if plan is not None:
+        graph.add(iri, LF.plan, Literal(plan.id))
+        graph.add(iri, LF.expires, timestamp(plan.until_ns))
     describe_unchecked(graph, iri, base, unchecked)
+    for near in closest:
+        _describe_closest(graph, iri, base, near)
     graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempts))
     if robot is not None:
         describe_positions(graph, iri, LF.target, base, robot, targets)
         if path is not None:
             _describe_path(graph, iri, base, robot, path)
+
+
+def _describe_closest(graph: Graph, iri: Node, base: str, closest: Closest) -> None:
+    node = graph.blank()
+    graph.add(iri, LF.closest, node)
+    graph.add(node, DCTERMS.title, Literal(" and ".join(closest.names)))
+    graph.add(node, LF.nearTo, *(NamedNode(base + path) for path in closest.things))
+    graph.scalar(node, LF.clearance, round(closest.apart_m, 4), METRE)
+    graph.scalar(node, LF.uncertainty, round(closest.uncertain_m, 4), METRE)
+    graph.add(node, LF.share, number(closest.share))
+    if closest.at_s is not None:
+        graph.add(node, LF.atTime, number(round(closest.at_s, 3)))
+    if closest.point is not None:
+        graph.vector(node, LF.position, closest.point, METRE)
 
 
 def _describe_path(graph: Graph, iri: Node, base: str, robot: Robot, path: Follow) -> None:

@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 
 from linked_fleet_gateway.base.errors import Members, MotionRefused
+from linked_fleet_gateway.extensions.planning.messages import Broken
+from linked_fleet_gateway.extensions.planning.terms import LF
 from linked_fleet_gateway.extensions.world.collisions import Collides
 from linked_fleet_gateway.fleet.xml import Vector
 
@@ -39,15 +41,46 @@ class NoPathFound(_InTheWay):
     code, title = "no-path-found", "No path was found in time"
 
 
+class PlanChanged(_InTheWay):
+    """A plan that was kept cannot be carried out as it was rehearsed: the robot, what is around or the request differs.
+
+    ``things`` are what would meet, if something is in the way.
+    """
+
+    code, title = "changed", "The plan is not what it was rehearsed for"
+
+
+class BreaksConstraint(MotionRefused):
+    """The motion does not keep to a constraint after a ``share`` of its path; at its start or goal, no path does.
+
+    ``value`` is what would be there (rad, m or a manipulability), ``limit`` what may.
+    """
+
+    status, code, title = 409, "breaks-constraint", "The motion does not keep to a constraint"
+
+    def __init__(self, detail: str, *, reason: str, broken: Broken | None = None) -> None:
+        super().__init__(detail, reason=reason)
+        self._broken = broken
+
+    @property
+    def members(self) -> Members:
+        if (broken := self._broken) is None:
+            return {}
+        kind = str(LF.terms[broken.kind].value)
+        return {"broken": kind, "share": broken.share, "value": round(broken.value, 5), "limit": broken.limit}
+
+
 class LineLeaves(MotionRefused):
     """The joints can follow a straight line up to a ``share`` of it only, which is at ``point`` in the world."""
 
     status, code, title = 409, "line-ends", "The straight line leaves what the joints can do"
 
-    def __init__(self, detail: str, *, share: float, point: Vector) -> None:
-        super().__init__(detail, reason="the straight line leaves what its joints can do")
+    def __init__(self, detail: str, *, reason: str, share: float | None = None, point: Vector | None = None) -> None:
+        super().__init__(detail, reason=reason)
         self.share, self.point = share, point
 
     @property
     def members(self) -> Members:
+        if self.share is None or self.point is None:
+            return {}
         return {"share": self.share, "point": [round(each, 4) for each in self.point]}

@@ -24,9 +24,11 @@ from roboplan.core import (
 from roboplan.rrt import RRT, RRTOptions
 
 from linked_fleet_gateway.extensions.planning.clearance import touched
+from linked_fleet_gateway.extensions.planning.constrained import Corridor
+from linked_fleet_gateway.extensions.planning.keeping import AXES, Keeper
 from linked_fleet_gateway.extensions.planning.messages import BlockedAt, FindPath, NotFound, PathFound, PlanAnswer
 from linked_fleet_gateway.extensions.planning.planner_scene import PlannerScene, SceneWriter
-from linked_fleet_gateway.extensions.planning.timing import fastest, quickly_timed_s
+from linked_fleet_gateway.extensions.planning.timing import Timed, fastest, quickly_timed_s
 from linked_fleet_gateway.extensions.world.collision_check import Maps
 from linked_fleet_gateway.extensions.world.held_bodies import Permission, with_held
 from linked_fleet_gateway.extensions.world.messages import CollisionFound, MotionPath, PathSegment, Positions
@@ -58,6 +60,8 @@ class _Candidate(NamedTuple):
     duration_s: float
     length: float
     direct: float
+    timed: Timed | None = None
+    """The motion along the path, if it was timed to see whether it keeps to constraints."""
 
 
 def find(
@@ -76,10 +80,19 @@ def find(
     if not goals:
         assert blocked is not None
         return BlockedAt("goal", blocked)
+    keeper = Keeper(around, robot, asked.keeps, tuple(asked.bounds)) if asked.keeps.tip else None
+    if keeper is not None:
+        kept = [(goal, keeper.broken_at(goal, 1.0)) for goal in goals]
+        broken = keeper.broken_at(start, 0.0) or next((each for _, each in kept if each is not None), None)
+        goals = [goal for goal, each in kept if each is None]
+        if broken is not None and (broken.share == 0.0 or not goals):
+            return broken
     with tempfile.TemporaryDirectory(prefix="linked-fleet-plan-") as folder:
         writer = SceneWriter(robot, start, asked.bounds, Path(folder))
+        if keeper is not None:
+            writer.add_tip(asked.keeps.tip, AXES[keeper.axis])
         scene = writer.build(things, goals, Permission.of(around, robot))
-        return _Search(asked, scene, ends_s).answer(goals)
+        return _Search(asked, robot, scene, ends_s).answer(goals)
 
 
 def _free_goals(
@@ -99,22 +112,31 @@ def _free_goals(
 class _Search:
     """The searches for one question."""
 
-    def __init__(self, asked: FindPath, made: PlannerScene, ends_s: float) -> None:
+    def __init__(self, asked: FindPath, robot: Robot, made: PlannerScene, ends_s: float) -> None:
         self._asked, self._scene, self._joints, self._ends_s = asked, made.scene, made.joints, ends_s
         self._names = made.scene.getJointNames()
         self._start = self._row(asked.around.paths[0].start)
+        self._speeds = np.array([asked.bounds[name].speed for name in self._joints])
+        self._keeper = Keeper(asked.around, robot, asked.keeps, made.joints) if asked.keeps.tip else None
+        self._corridor: Corridor | None = None
         self._tries = 0
 
     def answer(self, goals: list[Positions]) -> PlanAnswer:
-        best = self._best(sorted(map(self._row, goals), key=self._far))
-        speeds = np.array([self._asked.bounds[name].speed for name in self._joints])
-        timed = None if best is None else fastest(self._scene, best.path, speeds)
+        rows = sorted(map(self._row, goals), key=self._far)
+        keeps = self._asked.keeps
+        if keeps.shape_the_path:
+            self._corridor = Corridor(self._scene, self._asked.around, keeps, [self._start, *rows], STEP)
+        best = self._best(rows)
+        timed = None if best is None else best.timed or fastest(self._scene, best.path, self._speeds)
         if best is None or timed is None:
             return NotFound()
-        rows = tuple(tuple(row) for row in timed.positions.tolist())
-        return PathFound(
-            self._joints, tuple(timed.times_s.tolist()[1:]), rows[1:], best.length, best.direct, self._tries
-        )
+        least = None
+        if self._keeper is not None:
+            timed = self._keeper.slowed(timed)
+            least = self._keeper.least(timed)
+        found = tuple(tuple(row) for row in timed.positions.tolist())
+        times_s = tuple(timed.times_s.tolist()[1:])
+        return PathFound(self._joints, times_s, found[1:], best.length, best.direct, self._tries, least)
 
     def _far(self, goal: Array) -> float:
         return float(np.abs(goal - self._start).max())
@@ -135,18 +157,25 @@ class _Search:
         return best
 
     def _candidate(self, goal: Array) -> _Candidate | None:
-        path = self._path(goal)
-        duration_s = None if path is None else quickly_timed_s(self._scene, path)
+        path, timed = self._path(goal), None
+        if path is not None and self._corridor is not None:
+            timed = fastest(self._scene, path, self._speeds, self._keeps)
+            duration_s = None if timed is None else timed.duration_s
+        else:
+            duration_s = None if path is None else quickly_timed_s(self._scene, path)
         if path is None or duration_s is None:
             return None
         points = [np.array(each) for each in path.positions]
         length = sum(float(np.linalg.norm(after - before)) for before, after in pairwise(points))
-        return _Candidate(path, duration_s, length, float(np.linalg.norm(goal - self._start)))
+        return _Candidate(path, duration_s, length, float(np.linalg.norm(goal - self._start)), timed)
+
+    def _keeps(self, timed: Timed) -> bool:
+        return self._keeper is None or self._keeper.judged(timed) is None
 
     def _path(self, goal: Array) -> JointPath | None:
         """Return a path that the scene finds free, shortened; None if none was found in time."""
         self._tries += 1
-        if self._tries == 1 and not hasCollisionsAlongPath(self._scene, self._start, goal, STEP):
+        if self._tries == 1 and self._is_free(self._start, goal):
             straight = JointPath()
             straight.joint_names, straight.positions = self._names, [self._start, goal]
             return straight
@@ -157,11 +186,19 @@ class _Search:
         rrt = RRT(self._scene, self._options(left_s * (_FIRST_SHARE if self._tries == 1 else 1.0)))
         rrt.setRngSeed(seed)
         try:
-            found = rrt.plan(JointConfiguration(self._names, self._start), JointConfiguration(self._names, goal))
+            start, end = (JointConfiguration(self._names, each) for each in (self._start, goal))
+            found = rrt.plan(start, end, [] if self._corridor is None else self._corridor.constraints)
         except RuntimeError:  # not in time
             return None
+        if self._corridor is not None:
+            return self._corridor.shortened(found, seed)
         shorter = PathShortcuttingOptions(max_step_size=STEP, max_iters=_SHORTER_TRIES, seed=seed)
         return PathShortcutter(self._scene, shorter).shortcut(found)
+
+    def _is_free(self, one: Array, other: Array) -> bool:
+        if self._corridor is not None:
+            return self._corridor.contains(one, other)
+        return not hasCollisionsAlongPath(self._scene, one, other, STEP)
 
     def _options(self, within_s: float) -> RRTOptions:
         return RRTOptions(

@@ -5,6 +5,7 @@ from typing import Literal
 from msgspec import Struct
 
 from linked_fleet_gateway.extensions.world.messages import Check, CollisionFound, Positions
+from linked_fleet_gateway.fleet.xml import Vector
 
 
 class JointBounds(Struct, frozen=True):
@@ -19,6 +20,26 @@ class JointBounds(Struct, frozen=True):
     acceleration: float
 
 
+class Constraints(Struct, frozen=True):
+    """What the link ``tip`` keeps to on a path; empty if no single link is meant. Radian, metre, metre per second.
+
+    ``axis`` is its axis that points up, for ``upright``; empty for that which is nearest to the vertical at the start.
+    ``stay_in`` has the least and the largest coordinates of its origin in the world.
+    """
+
+    tip: str = ""
+    upright: float | None = None
+    axis: str = ""
+    stay_in: tuple[Vector, Vector] | None = None
+    tip_speed: float | None = None
+    least_manipulability: float = 0.0
+
+    @property
+    def shape_the_path(self) -> bool:
+        """True if not every free path keeps to them."""
+        return self.upright is not None or self.stay_in is not None or self.least_manipulability > 0.0
+
+
 class FindPath(Struct, frozen=True, tag="find"):
     """Find a path of the joints with ``bounds`` to one of the ``goals``, which each names them all.
 
@@ -31,6 +52,7 @@ class FindPath(Struct, frozen=True, tag="find"):
     goals: tuple[Positions, ...]
     within_s: float
     seed: int = 0
+    keeps: Constraints = Constraints()
 
 
 class FindStraight(Struct, frozen=True, tag="line"):
@@ -46,6 +68,28 @@ class FindStraight(Struct, frozen=True, tag="line"):
     goal: Positions
     turns: bool
     exact: bool
+    keeps: Constraints = Constraints()
+
+
+class LeastManipulability(Struct, frozen=True):
+    """The least manipulability of the tip along a path, and when."""
+
+    value: float
+    at_s: float
+
+
+class Broken(Struct, frozen=True, tag="broken"):
+    """A constraint that is not kept to after ``share`` of the path, or of every path at its start or goal.
+
+    ``value`` is what would be (rad, m or a manipulability), ``limit`` what may. ``axis`` is that of the world, for a
+    box, or that of the tip.
+    """
+
+    kind: Literal["upright", "stayIn", "leastManipulability"]
+    share: float
+    value: float
+    limit: float
+    axis: str = ""
 
 
 class StraightFound(Struct, frozen=True, tag="straight"):
@@ -56,6 +100,7 @@ class StraightFound(Struct, frozen=True, tag="straight"):
     positions: tuple[tuple[float, ...], ...]
     off_m: float
     off_rad: float
+    least: LeastManipulability | None = None
 
 
 class LineEnds(Struct, frozen=True, tag="ends"):
@@ -80,6 +125,7 @@ class PathFound(Struct, frozen=True, tag="path"):
     length: float
     direct: float
     tries: int
+    least: LeastManipulability | None = None
 
 
 class BlockedAt(Struct, frozen=True, tag="blocked"):
@@ -100,4 +146,4 @@ class PlanFailed(Struct, frozen=True, tag="unplanned"):
 
 
 PlanQuestion = FindPath | FindStraight
-PlanAnswer = PathFound | StraightFound | LineEnds | BlockedAt | NotFound | PlanFailed
+PlanAnswer = PathFound | StraightFound | LineEnds | BlockedAt | Broken | NotFound | PlanFailed

@@ -3,7 +3,6 @@
 import asyncio
 import math
 from collections import Counter
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path as FilePath
@@ -15,12 +14,16 @@ from msgspec.structs import replace
 
 from linked_fleet_agent.urdf.cruise import RAMP_S
 from linked_fleet_agent.wire.messages import Follow, Move
-from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, RobotModel, UnprocessableContent
+from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, UnprocessableContent
 from linked_fleet_gateway.base.errors import FleetError, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
+from linked_fleet_gateway.extensions.planning.constraints import carried, constraints_of, is_constrained, refusal
 from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound
+from linked_fleet_gateway.extensions.planning.kept_path import KeptPath, keep, moving_joint
+from linked_fleet_gateway.extensions.planning.kept_plans import KeptPlans, plan_of
 from linked_fleet_gateway.extensions.planning.messages import (
     BlockedAt,
+    Broken,
     FindPath,
     FindStraight,
     JointBounds,
@@ -42,6 +45,7 @@ from linked_fleet_gateway.extensions.world.nearby import EARLY_S
 from linked_fleet_gateway.extensions.world.placement import has_placement
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation
 from linked_fleet_gateway.extensions.world.service import World
+from linked_fleet_gateway.fleet.kept_plan import KeptPlan
 from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import JointKind
 from linked_fleet_gateway.rdf.graph import Node
@@ -54,6 +58,8 @@ _ANSWER_S = 5.0
 """What an answer may take beside the search: a turn, the scene, and the timing of the path."""
 MOST_WAITING, MOST_OF_ONE = 16, 4
 """Motions that wait for a plan, of all callers and of one."""
+MOST_S = 3600
+"""The longest trajectory that an agent takes, in seconds."""
 _MOST_PATHS = 4
 """Paths of one motion that the check of motions judges."""
 _SEEDS = 1_000
@@ -91,7 +97,7 @@ class Planner(MotionPlanner):
 
     def __init__(self, core: Core, world: World, meshes: Meshes, folder: FilePath) -> None:
         self._core, self._checks = core, world.checks
-        self._process = PlannerProcess(folder)
+        self._process, self.plans = PlannerProcess(folder), KeptPlans(core.redis_url, core.namespace)
         self._preparation = Preparation(core.live, meshes, self._process)
         self._nearby, self._questions = world.checks.asked_elsewhere(self._preparation)
         self._waiting = Counter[str]()
@@ -99,16 +105,26 @@ class Planner(MotionPlanner):
     async def close(self) -> None:
         await self._preparation.close()
         await self._process.close()
+        await self.plans.close()
 
     def waits(self, motion: Motion, own_id: str) -> Waits:
         """Return the direct path of a motion after waits."""
         return Waits(self._questions, motion, own_id)
 
-    def paths(self, motion: Motion, caller: Caller, own_id: str) -> "PlannedPaths | None":
+    def paths(self, motion: Motion, caller: Caller, own_id: str) -> "PlannedPaths | KeptPath | None":
         """Return the paths of a motion that asks for another one than the direct one, or that may take one."""
         if not isinstance(motion.motion, Move) or motion.request is None:
             return None
+        if (plan := plan_of(motion)) is not None:
+            return KeptPath(self.plans, self._core.live, motion, caller, own_id, plan)
         kind, body = kind_of(motion), motion.request.body
+        if is_constrained(body) and kind not in {LF.Planned, LF.Straight}:
+            raise UnprocessableContent(
+                "A motion keeps to constraints on a planned path or a straight line: add lf:path lf:Planned or "
+                "lf:Straight."
+            )
+        if is_constrained(body):
+            constraints_of(motion)  # raises early what is wrong with them
         if kind in {LF.Planned, LF.Straight} and not has_placement(motion.robot):
             raise Conflict(
                 f"{motion.robot.name} has no placement in the world, so it is unknown what is in its way: PUT its "
@@ -153,32 +169,32 @@ class Planner(MotionPlanner):
             around = self._questions.about(motion, robots, sees, own_id)
             asked = self._question(motion, around, search)
             answer = await self._process.find(asked)
-            if isinstance(answer, BlockedAt) and isinstance(asked, FindPath):
+            is_goal_bad = isinstance(answer, BlockedAt) or (isinstance(answer, Broken) and answer.share == 1.0)
+            if is_goal_bad and isinstance(asked, FindPath):
                 asked = replace(asked, goals=await asyncio.to_thread(other_goals, motion, asked))
                 answer = await self._process.find(asked) if asked.goals else answer
             return answer, asked
 
     def _question(self, motion: Motion, around: Check, search: "Search") -> PlanQuestion:
         bounds, goal = self._bounds(motion, around), dict(motion.targets)
+        keeps = constraints_of(motion)
         if kind_of(motion) != LF.Straight:
-            return FindPath(around, bounds, (goal,), search.within_s, search.seed)
+            return FindPath(around, bounds, (goal,), search.within_s, search.seed, keeps)
         assert motion.request is not None
         body = motion.request.body
         link = body.node(body.root, LF.ofLink)
         if link is None:
-            return FindStraight(around, bounds, _carried(motion), goal, turns=True, exact=True)
+            return FindStraight(around, bounds, carried(motion), goal, turns=True, exact=True, keeps=keeps)
         turns = body.node(body.root, LF.orientation) is not None
-        return FindStraight(around, bounds, motion.request.link_at(link), goal, turns, exact=False)
+        return FindStraight(around, bounds, motion.request.link_at(link), goal, turns, exact=False, keeps=keeps)
 
     def _check_still(self, motion: Motion, own_id: str) -> None:
         """Check that no other motion moves the joints, because a path begins where they stand. Raises Conflict."""
-        for each in self._core.live.invocations.open_of_robot(motion.robot.name):
-            moving = each.targets.keys() & motion.targets.keys() if each.id != own_id else ()
-            if moving:
-                raise Conflict(
-                    f"{min(moving)} of {motion.robot.name} is moving, and a planned path begins where it stands: stop "
-                    "it, or wait until it stands."
-                )
+        if (moving := moving_joint(self._core.live, motion, own_id)) is not None:
+            raise Conflict(
+                f"{moving} of {motion.robot.name} is moving, and a planned path begins where it stands: stop it, or "
+                "wait until it stands."
+            )
 
     def _bounds(self, motion: Motion, around: Check) -> dict[str, JointBounds]:
         start = around.paths[0].start
@@ -193,21 +209,35 @@ class Planner(MotionPlanner):
             raise Unchecked(f"No path of {motion.robot.name} could be planned: {answer.reason}.")
         if not isinstance(answer, PathFound | StraightFound):
             raise self._refusal(motion.robot, answer, asked)
+        if (long_s := answer.times_s[-1]) > MOST_S:
+            raise Conflict(
+                f"The motion of {motion.robot.name} would take {long_s:.0f} s; a command takes at most {MOST_S} s. "
+                "Allow a higher speed, or move in steps."
+            )
         start = asked.around.paths[0].start
         stands = standing(motion.robot, {name: start[name] for name in answer.joints})
         follow = Follow(answer.joints, answer.times_s, answer.positions)
         ends = dict(zip(answer.joints, answer.positions[-1], strict=True))
-        facts = {**motion.facts, "pathDeviation": answer.off_m} if isinstance(answer, StraightFound) else motion.facts
+        facts = dict(motion.facts)
+        if isinstance(answer, StraightFound):
+            facts["pathDeviation"] = answer.off_m
+        if answer.least is not None:
+            facts |= {"leastManipulability": answer.least.value, "leastManipulabilityTime": answer.least.at_s}
         expected = {**stands, **motion.expectations}
         return replace(motion, motion=follow, targets=ends, facts=facts, expectations=expected)
 
-    def _refusal(self, robot: Robot, answer: LineEnds | BlockedAt | NotFound, asked: PlanQuestion) -> MotionRefused:
+    def _refusal(
+        self, robot: Robot, answer: LineEnds | BlockedAt | Broken | NotFound, asked: PlanQuestion
+    ) -> MotionRefused:
+        if isinstance(answer, Broken):
+            return refusal(robot, asked.keeps.tip, answer)
         if isinstance(answer, LineEnds):
             joint = f"{answer.joint}: " if answer.joint else ""
             base = asked.around.robot.base
             return LineLeaves(
                 f"The straight line of {robot.name} ends after {100 * answer.share:.0f} % of the way: "
                 f"{joint}{answer.why}. lf:Planned takes another path.",
+                reason="the straight line leaves what its joints can do",
                 share=answer.share,
                 point=compose(base, Pose(answer.at, UPRIGHT)).position_m,
             )
@@ -217,9 +247,10 @@ class Planner(MotionPlanner):
             detail = f"The goal is blocked: {answer.by.link} of {robot.name} would meet {what} there."
             return GoalBlocked(detail, reason="something is where it would end", met=met)
         within_s = asked.within_s if isinstance(asked, FindPath) else SEARCH_S
+        keeping = " that keeps to its constraints" if asked.keeps.shape_the_path else ""
         detail = (
-            f"No path of {robot.name} was found in {within_s:.2g} s. There may be one: give the search more time by "
-            f"Prefer: wait, of which up to {MOST_SEARCH_S:g} s are used, or move in steps."
+            f"No path of {robot.name}{keeping} was found in {within_s:.2g} s. There may be one: give the search more "
+            f"time by Prefer: wait, of which up to {MOST_SEARCH_S:g} s are used, or move in steps."
         )
         return NoPathFound(detail, reason="no path was found in time")
 
@@ -237,18 +268,19 @@ class PlannedPaths(Paths):
     async def next(self, refused: MotionRefused | None) -> Motion | None:
         """Return the motion on its next path; None after the last one, or after the time for the search.
 
-        The last ones are the direct one again, after waits for other robots.
+        The last ones are the direct one again, after waits for other robots, which keeps to no constraint.
         """
-        straight = kind_of(self._motion) == LF.Straight
-        if refused is None and not straight:
+        straight, request = kind_of(self._motion) == LF.Straight, self._motion.request
+        constrained = request is not None and is_constrained(request.body)
+        if refused is None and not straight and not constrained:
             return self._motion
         if _is_other_refusal(refused):
             return None
         if not self._because:
-            self._waits.note(refused)
-            self._because = (
-                "a straight line was asked for" if refused is None else f"on the direct path {refused.reason}"
-            )
+            asked_for = "a straight line was asked for" if straight else "it keeps to constraints"
+            self._because = asked_for if refused is None else f"on the direct path {refused.reason}"
+            if not constrained:
+                self._waits.note(refused)
         found = await self._searched(1 if straight else _MOST_PATHS)
         return found or self._waits.next(self._because)
 
@@ -268,6 +300,10 @@ class PlannedPaths(Paths):
             return None
         self._left_s -= asyncio.get_running_loop().time() - began_s
         return replace(planned, detour=self._because)
+
+    async def keep(self, motion: Motion) -> KeptPlan | None:
+        """Keep a rehearsed motion on one of these paths."""
+        return await keep(self._planner.plans, motion, self._caller.name)
 
 
 def _is_other_refusal(refused: MotionRefused | None) -> bool:
@@ -298,27 +334,6 @@ def kind_of(motion: Motion) -> Node | None:
     """Return the kind of path that is asked for; None if nothing is said."""
     body = None if motion.request is None else motion.request.body
     return None if body is None else body.node(body.root, LF.path)
-
-
-def _carried(motion: Motion) -> str:
-    """Return the link that the last of the joints of a motion carries. Raises UnprocessableContent without one."""
-    model = motion.robot.model
-    assert model is not None
-    depths = {name: list(_above(model, name)) for name in motion.targets}
-    last = max(depths, key=lambda name: len(depths[name]))
-    if beside := motion.targets.keys() - {last, *depths[last]}:
-        raise UnprocessableContent(
-            f"{min(beside)} does not carry what {last} carries, so no link is on a line: lf:Straight moves joints of "
-            "one arm."
-        )
-    return model.joints[last].child
-
-
-def _above(model: RobotModel, joint: str) -> Iterator[str]:
-    """Yield the joints that carry a joint, the nearest first."""
-    while (parent := model.links[model.joints[joint].parent].parent_joint) is not None:
-        yield parent
-        joint = parent
 
 
 def bounds_of(robot: Robot, name: str, ends: tuple[float, float], scale: float, most: float) -> JointBounds:

@@ -25,6 +25,7 @@ from linked_fleet_gateway.extensions.world.held_bodies import NO_PERMISSION, Per
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.path import moved_positions
 from linked_fleet_gateway.extensions.world.robot import Robot
+from linked_fleet_gateway.extensions.world.surfaces import Array
 from linked_fleet_gateway.extensions.world.surroundings import (
     TOUCHING_M,
     MovingRobot,
@@ -70,6 +71,16 @@ class SceneWriter:
         for joint in sorted(self._moving):
             self._add_joint(joint)
         return self._scene()
+
+    def add_tip(self, link: str, up: Array) -> None:
+        """Add the frame ``tip`` at the origin of a link. Its z is the axis ``up`` of the link."""
+        frame = self._robot.model.frames[self._robot.model.getFrameId(link, pin.FrameType.BODY)]
+        joint, at = self._anchors[frame.parentJoint]
+        turn = pin.Quaternion.FromTwoVectors(np.array((0.0, 0.0, 1.0)), up).toRotationMatrix()
+        self._parts.append(
+            f'<link name="tip"/><joint name="at_tip" type="fixed"><parent link="l{joint}"/><child link="tip"/>'
+            f"{_origin(at * frame.placement * pin.SE3(turn, np.zeros(3)))}</joint>"
+        )
 
     def build(
         self, things: Sequence[StaticBody], goals: Iterable[Positions], permission: Permission = NO_PERMISSION

@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 from roboplan.core import JointPath
 
+from linked_fleet_gateway.extensions.planning.keeping import Keeper
 from linked_fleet_gateway.extensions.planning.messages import (
     FindStraight,
     LineEnds,
@@ -24,8 +25,7 @@ from linked_fleet_gateway.extensions.planning.messages import (
     StraightFound,
 )
 from linked_fleet_gateway.extensions.planning.planner_scene import SceneWriter
-from linked_fleet_gateway.extensions.planning.timing import Timed, smooth
-from linked_fleet_gateway.extensions.world.questions import waypoint_velocities
+from linked_fleet_gateway.extensions.planning.timing import Timed, curve_places, smooth
 from linked_fleet_gateway.extensions.world.robot import Robot, put
 from linked_fleet_gateway.extensions.world.surfaces import Array
 from linked_fleet_gateway.extensions.world.surroundings import MovingRobot
@@ -39,7 +39,6 @@ _MOST_ITERATIONS = 40
 _JUMP = 20.0
 """A joint that moves further in a step than this times the step of the line (rad per m or rad) jumps."""
 _MOST_REFINED = 3
-_SAMPLES = 3
 _NO_WAY = 1e-6
 _SAME = 1e-3
 
@@ -105,8 +104,15 @@ def find_straight(asked: FindStraight, robot: Robot) -> PlanAnswer:
     off_m, off_rad = arm.deviation(timed, made.joints)
     if off_m > MOST_OFF_M or off_rad > MOST_OFF_RAD:
         return PlanFailed(f"the link would leave the line by {1e3 * off_m:.2g} mm and {math.degrees(off_rad):.2g}°")
+    least = None
+    if asked.keeps.tip:
+        keeper = Keeper(asked.around, robot, asked.keeps, made.joints)
+        if (broken := keeper.judged(timed)) is not None:
+            return broken
+        timed = keeper.slowed(timed)
+        least = keeper.least(timed)
     positions = tuple(tuple(row) for row in timed.positions.tolist())
-    return StraightFound(made.joints, tuple(timed.times_s.tolist()[1:]), positions[1:], off_m, off_rad)
+    return StraightFound(made.joints, tuple(timed.times_s.tolist()[1:]), positions[1:], off_m, off_rad, least)
 
 
 class _Arm:
@@ -186,18 +192,5 @@ class _Arm:
     def deviation(self, timed: Timed, joints: tuple[str, ...]) -> tuple[float, float]:
         """Return the largest deviation of the curve through waypoints, at several places between two of them."""
         order = [joints.index(name) for name in self.joints]
-        off = [self.line.deviation(self.pose(row[order])) for row in _samples(timed)]
+        off = [self.line.deviation(self.pose(row[order])) for _, row in curve_places(timed)]
         return max(m for m, _ in off), max(rad for _, rad in off)
-
-
-def _samples(timed: Timed) -> Iterator[Array]:
-    """Yield places on the curve through waypoints, which agents compute too."""
-    times, rows = timed.times_s, timed.positions
-    speeds = np.array([waypoint_velocities(times.tolist(), column.tolist()) for column in rows.T]).T
-    for k, (begin, end) in enumerate(pairwise(times.tolist())):
-        for n in range(_SAMPLES):
-            s, long_s = n / _SAMPLES, end - begin
-            a, b = (1 + 2 * s) * (1 - s) ** 2, s * (1 - s) ** 2
-            c, d = s * s * (3 - 2 * s), s * s * (s - 1)
-            yield a * rows[k] + b * long_s * speeds[k] + c * rows[k + 1] + d * long_s * speeds[k + 1]
-    yield rows[-1]

@@ -2,4 +2,6 @@
 
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
-LF = CORE.extended("PathKind Direct Planned Straight path ofLink")
+LF = CORE.extended(
+    "PathKind Direct Planned Straight path plan ofLink tip upright axis stayIn lower upper tipSpeed leastManipulability"
+)

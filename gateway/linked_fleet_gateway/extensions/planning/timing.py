@@ -5,7 +5,7 @@ curve through them, which agents and the collision check compute, stays next to 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -23,6 +23,8 @@ _ROUNDINGS = (0.3, 0.1)
 _SHARE = 0.98
 """Share of the speed limits, so that the curve through the waypoints stays within them."""
 _SHORTEST_S = 0.005
+_SAMPLES = 3
+"""Places of the curve that are looked at from one waypoint to the next."""
 
 
 class Timed:
@@ -45,8 +47,13 @@ def quickly_timed_s(scene: Scene, path: JointPath) -> float | None:
         return None
 
 
-def fastest(scene: Scene, path: JointPath, speeds: Array) -> Timed | None:
-    """Return the fastest motion along a path, or None; ``speeds`` are the limits of its joints, in order."""
+def fastest(
+    scene: Scene, path: JointPath, speeds: Array, accepts: Callable[[Timed], bool] = lambda timed: True
+) -> Timed | None:
+    """Return the fastest motion along a path that is accepted, or None.
+
+    ``speeds`` are the limits of its joints, in order.
+    """
     parameterizer = PathParameterizerTOPPRA(scene)
     best: Timed | None = None
     for mode, rounding in ((SplineFittingMode.Cubic, 0.0), *((SplineFittingMode.LinearBlend, r) for r in _ROUNDINGS)):
@@ -55,10 +62,12 @@ def fastest(scene: Scene, path: JointPath, speeds: Array) -> Timed | None:
         options = TOPPRAOptions(dt=STEP_S, mode=mode, velocity_scale=_SHARE, max_blend_deviation=rounding)
         try:
             found = parameterizer.generate(path, options)
-        except RuntimeError:  # of numerical trouble with this curve
+        except (RuntimeError, MemoryError):  # of numerical trouble with this curve, which may seem to take for ever
+            continue
+        if len(found.times) < 2:  # numerical trouble too
             continue
         timed = _thinned(found.times, np.array(found.positions))
-        if best is None or timed.duration_s < best.duration_s:
+        if (best is None or timed.duration_s < best.duration_s) and accepts(timed):
             best = timed
     return None if best is None else _within(best, speeds)
 
@@ -93,6 +102,20 @@ def _within(timed: Timed, speeds: Array) -> Timed:
         for column, limit in zip(timed.positions.T, speeds.tolist(), strict=True)
     )
     return timed if excess <= 1.0 else Timed((timed.times_s * excess).tolist(), timed.positions)
+
+
+def curve_places(timed: Timed) -> Iterator[tuple[float, Array]]:
+    """Yield places on the curve through waypoints, which agents compute too, each after its time."""
+    times, rows = timed.times_s, timed.positions
+    speeds = np.array([waypoint_velocities(times.tolist(), column.tolist()) for column in rows.T]).T
+    for k, (begin, end) in enumerate(pairwise(times.tolist())):
+        for n in range(_SAMPLES):
+            s, long_s = n / _SAMPLES, end - begin
+            a, b = (1 + 2 * s) * (1 - s) ** 2, s * (1 - s) ** 2
+            c, d = s * s * (3 - 2 * s), s * s * (s - 1)
+            row = a * rows[k] + b * long_s * speeds[k] + c * rows[k + 1] + d * long_s * speeds[k + 1]
+            yield begin + s * long_s, row
+    yield timed.duration_s, rows[-1]
 
 
 def _peak(times_s: Sequence[float], positions: Sequence[float]) -> float:

@@ -32,6 +32,7 @@ from linked_fleet_gateway.extensions.world.jogging import Jogs
 from linked_fleet_gateway.extensions.world.messages import (
     Answer,
     CheckFailed,
+    ClosestFound,
     CollisionFound,
     Free,
     Surveyed,
@@ -50,6 +51,7 @@ from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.schedules import OnTime, Run, Schedules
 from linked_fleet_gateway.extensions.world.touch import thing_to_grasp, things_to_touch
 from linked_fleet_gateway.faces import ALL, View, unchecked_links
+from linked_fleet_gateway.fleet.closest import Closest
 from linked_fleet_gateway.fleet.driving import Drive, FollowedPath, placed
 from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.fleet.robot import Robot
@@ -71,6 +73,8 @@ _FLOOR = 0.95
 _SLOWER = (1.0, 0.8, 0.4)
 """The largest share of the speed before that is tried next: one that nearly fits needs little less."""
 """Share of the speed that seems to fit at which a drive is checked anew, because its way changes a little."""
+CLOSEST_S = 0.2
+"""Processor time of a rehearsal for where the robot comes closest to something."""
 _TIMEOUT_S = 3.0  # for a check including its wait for a turn and for the processor
 _ANSWER_S = 10.0
 MOST_WAITING = 16
@@ -188,7 +192,7 @@ class Checks:
             return await self._check_drive(motion.robot, act.drive, robots, sees, own)
         if own and isinstance(act, Act) and act.path is not None:
             return await self._check_path(motion.robot, act.path, robots, sees, own)
-        judged = await self._in_time.judge(motion, robots, sees, own)
+        judged = await self._in_time.judge(motion, robots, sees, own, closest_s=CLOSEST_S)
         finding = self._finding(motion.robot, judged.answer, judged.after_s)
         if own:
             self._in_time.begin(motion.robot, own, judged)
@@ -336,7 +340,15 @@ class Checks:
         self._collisions.forget(robot.name)
         near = [self._live.fleet.robots.get(name) for name in answer.unchecked]
         known = [robot, *(each for each in near if each is not None)]
-        return Finding(answer.covered, tuple(link for each in known for link in unchecked_links(each)))
+        links = tuple(link for each in known for link in unchecked_links(each))
+        return Finding(answer.covered, links, closest=self._closest(robot, answer.closest))
+
+    def _closest(self, robot: Robot, found: ClosestFound | None) -> Closest | None:
+        if found is None:
+            return None
+        met = self.collision(robot, found.met)
+        names, share = tuple(met.names), found.met.share
+        return Closest(found.apart_m, found.uncertain_m, share, tuple(met.things), names, found.at_s, met.point)
 
 
 def _way_is_unknown(motion: Motion) -> bool:

@@ -21,6 +21,7 @@ import numpy as np
 import numpy.typing as npt
 from msgspec.structs import replace
 
+from linked_fleet_gateway.extensions.world.closest import find_closest
 from linked_fleet_gateway.extensions.world.coverage import Coverage
 from linked_fleet_gateway.extensions.world.held_bodies import Permission, with_held
 from linked_fleet_gateway.extensions.world.map_obstacles import MapObstacles
@@ -116,7 +117,8 @@ def check(
         things += map_bodies(asked, maps, robot.radius_m + MARGIN_M)
         answer = _Sweep(asked, robot, things, ends_s).answer()
         if isinstance(answer, Free):
-            return Free(answer.samples, coverage.accepted(), bool(robot.bodies) or not robot.unchecked)
+            closest = find_closest(asked, robot, things) if asked.closest_within_s else None
+            return Free(answer.samples, coverage.accepted(), bool(robot.bodies) or not robot.unchecked, closest)
         return answer
     except UnknownPosition as error:
         return CheckFailed(str(error))
@@ -141,10 +143,7 @@ class _Sweep:
         moving = {name for way in asked.paths[:1] for name in joint_changes(robot, way)}
         self._radii = np.array([body.radius for body in robot.bodies])
         # By joint and body: the most that the body can move per motion of the joint.
-        ids = [robot.model.getJointId(name) for name in self._joints]
-        slides = np.array([robot.tree.joints[name].kind == "prismatic" for name in self._joints], dtype=bool)
-        reach = robot.reach_m[ids].reshape(len(ids), len(robot.bodies))
-        self._reach = np.where(slides[:, None], (reach > 0).astype(float), reach)
+        self._reach = robot.reach_by_joint(self._joints)
         self._own = np.array([name in moving for name in self._joints], dtype=bool)
         self._gone = np.array([gone[name] for name in self._joints])
         self._pairs, weights = self._near_pairs()

@@ -9,6 +9,8 @@ import time
 from collections.abc import Awaitable, Callable
 from typing import NamedTuple
 
+from msgspec.structs import replace
+
 from linked_fleet_gateway.api import Motion
 from linked_fleet_gateway.extensions.world.course import Course
 from linked_fleet_gateway.extensions.world.messages import Answer, Check, CollisionFound, Free
@@ -16,6 +18,7 @@ from linked_fleet_gateway.extensions.world.questions import Questions
 from linked_fleet_gateway.extensions.world.schedules import START_S, OnTime, Run, Schedules, arrival_s
 from linked_fleet_gateway.faces import View
 from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.serving import Act
 
 Ask = Callable[[Check], Awaitable[Answer]]
 
@@ -49,9 +52,16 @@ class InTime:
         self.pairs = dict[Pair, float]()
         """With the monotonic time (s) at which each was found free."""
 
-    async def judge(self, motion: Motion, robots: list[Robot], sees: View, own: str) -> Judged:
-        """Check a motion, among others at all times first."""
+    async def judge(
+        self, motion: Motion, robots: list[Robot], sees: View, own: str, *, closest_s: float = 0.0
+    ) -> Judged:
+        """Check a motion, among others at all times first.
+
+        One of joints that is rehearsed is searched for ``closest_s`` seconds for where it comes closest to something.
+        """
         asked = self._questions.about(motion, robots, sees, own)
+        if not own and not isinstance(motion.motion, Act):
+            asked = replace(asked, closest_within_s=closest_s)
         answer, course = await self._ask(asked), self._questions.course(motion, own)
         others = [each for each in robots if each is not motion.robot]
         if not _meets_robot(answer) or not self._questions.on_time(others):

@@ -131,7 +131,8 @@ class Check(Struct, frozen=True, tag="check"):
 
     The answer takes at most ``within_s`` seconds of processor time. ``map`` is the key of the map of the floor, empty
     without one. The links of the ``hand``, and what the robot holds, may touch the objects ``may_touch``. ``in_time``
-    says that it begins now and keeps the times of its paths, so that other robots are met only at theirs.
+    says that it begins now and keeps the times of its paths, so that other robots are met only at theirs. For
+    ``closest_within_s`` seconds more it is sought where the robot comes closest to what is around.
     """
 
     robot: Placement
@@ -141,6 +142,7 @@ class Check(Struct, frozen=True, tag="check"):
     within_s: float
     map: str = ""
     driven: DrivenWay | None = None
+    closest_within_s: float = 0.0
     may_touch: tuple[str, ...] = ()
     hand: tuple[str, ...] = ()
     in_time: bool = False
@@ -189,29 +191,6 @@ class MeshesMissing(Struct, frozen=True, tag="lacks"):
     meshes: tuple[str, ...]
 
 
-class Free(Struct, frozen=True, tag="free"):
-    """The path is free; ``samples`` is the number of places that were checked.
-
-    ``unchecked`` are the names of the other robots nearby that have unchecked links, which their placements accept.
-    ``covered`` is False if no link of the robot was checked.
-    """
-
-    samples: int
-    unchecked: tuple[str, ...] = ()
-    covered: bool = True
-
-
-class UncheckedNear(Struct, frozen=True, tag="near"):
-    """Links that the check does not cover may meet something. The links are those of the moving robot, if ``own``.
-
-    ``name`` is the object or the other robot; empty for the map.
-    """
-
-    own: bool
-    kind: Kind
-    name: str
-
-
 class CollisionFound(Struct, frozen=True, tag="meets"):
     """A collision: ``link`` meets something after ``share`` of the path.
 
@@ -228,6 +207,42 @@ class CollisionFound(Struct, frozen=True, tag="meets"):
     point: Vector | None = None
     held: str = ""
     other_held: str = ""
+
+
+class ClosestFound(Struct, frozen=True):
+    """Where the robot comes closest to what ``met`` names, on the first path of a check.
+
+    Elsewhere it may come nearer than ``apart_m`` by ``uncertain_m``. ``at_s`` is the time on a trajectory.
+    """
+
+    met: CollisionFound
+    apart_m: float
+    uncertain_m: float
+    at_s: float | None
+
+
+class Free(Struct, frozen=True, tag="free"):
+    """The path is free; ``samples`` is the number of places that were checked.
+
+    ``unchecked`` are the names of the other robots nearby that have unchecked links, which their placements accept.
+    ``covered`` is False if no link of the robot was checked.
+    """
+
+    samples: int
+    unchecked: tuple[str, ...] = ()
+    covered: bool = True
+    closest: ClosestFound | None = None
+
+
+class UncheckedNear(Struct, frozen=True, tag="near"):
+    """Links that the check does not cover may meet something. The links are those of the moving robot, if ``own``.
+
+    ``name`` is the object or the other robot; empty for the map.
+    """
+
+    own: bool
+    kind: Kind
+    name: str
 
 
 class CheckFailed(Struct, frozen=True, tag="unable"):

@@ -102,6 +102,14 @@ class Robot:
         joints = self.tree.joints.values()
         return {each.name: slide_m(each) for each in joints if each.kind is JointKind.PRISMATIC}
 
+    def reach_by_joint(self, joints: Sequence[str]) -> Array:
+        """Return by joint and body how far the body can move at most per motion of the joint."""
+        ids = [self.model.getJointId(name) for name in joints]
+        slides = np.array([self.tree.joints[name].kind == "prismatic" for name in joints], dtype=bool)
+        reach = self.reach_m[ids].reshape(len(ids), len(self.bodies))
+        found: Array = np.where(slides[:, None], (reach > 0).astype(float), reach)
+        return found
+
     def reaching(self, configurations: Iterable[Mapping[str, float]]) -> "Robot":
         """Return the robot with its reach in these positions, in which prismatic joints may exceed their limits."""
         slides, extents = self.slides_m, dict[str, float]()

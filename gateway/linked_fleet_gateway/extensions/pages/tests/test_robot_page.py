@@ -12,7 +12,8 @@ from browser import Browser as Client
 from chromium import PHONE
 from commanding import TURTLE, angle, control
 from running import PATIENCE_S, eventually
-from scene_client import placement, put_robot
+from scene_client import crate, placement, put_object, put_robot
+from small_fleet import move
 from watched_page import Watched
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -168,6 +169,48 @@ def test_the_ghost_moves_along_a_planned_path(placed: None, robot: Page) -> None
     end = float(along.get_attribute("max") or 0)
     expect(answer.locator("output")).to_have_text(f"{end:.1f} s of {end:.1f} s")
     assert robot.evaluate(drawn, "elbow_joint") == pytest.approx(seen[2], abs=1e-3)
+
+
+def test_what_was_shown_is_carried_out(placed: None, robot: Page, client: Client, watched: Watched) -> None:
+    """The form sends the plan of the dry run; once the robot stands elsewhere, it is refused, and asked for again."""
+    put_object(client, crate("crate", 0.9, 0.9, 0.2))
+    robot.goto(client.robot("ur5").url + "actions/reach")
+    form = robot.locator("form.invoke")
+    form.locator(f'select[data-path="{LF.ofLink}"]').select_option(value=client.part("ur5", "ee_link").url)
+    form.locator(f'fieldset[data-path="{LF.position}"] select[data-path$="#unit"]').select_option(label="m")
+    for axis, value in zip("xyz", ("0.4", "0.1", "0.5"), strict=True):
+        form.locator(f'fieldset[data-path="{LF.position}"] input[data-path$="#{axis}"]').fill(value)
+    form.locator("summary", has_text="Options").click()
+    form.locator(f'select[data-path="{LF.path}"]').select_option(label="planned")
+    dry = form.get_by_role("button", name="Try without moving")
+    go = form.get_by_role("button", name="reach", exact=True)
+    dry.click()
+    expect(form.locator(".answer")).to_contain_text("this very motion is kept")
+    expect(form.locator(".answer")).to_contain_text(re.compile("closest after .* of ur5 and crate"))
+    sends = re.compile("POST|PUT").fullmatch
+    robot.route("**/actions/reach", lambda route: route.abort(), times=1)
+    with robot.expect_request(lambda asked: bool(sends(asked.method))) as lost:
+        go.click()
+    expect(form.locator(".answer")).to_contain_text("No answer")
+    watched.forgive("Failed to load resource")
+    with robot.expect_request(lambda asked: bool(sends(asked.method))) as sent:
+        go.click()
+    assert f"<{LF.plan}>" in (sent.value.post_data or "") and sent.value.post_data == lost.value.post_data
+    assert sent.value.headers["idempotency-key"] == lost.value.headers["idempotency-key"]
+    expect(form.locator(".task .state")).to_have_text("succeeded")
+    dry.click()
+    expect(form.locator(".answer")).to_contain_text("this very motion is kept")
+    before = angle(client, JOINT)
+    moved = move(client, client.action(client.part("ur5", JOINT), LF.Rotate), before + 0.1)
+    assert moved.status_code == 204, moved.text
+    eventually(lambda: abs(angle(client, JOINT) - before - 0.1) < 0.002, "the joint elsewhere")
+    go.click()
+    expect(form.locator(".answer")).to_contain_text(re.compile("the path begins at|is moving"))
+    watched.forgive("409 (Conflict)")
+    with robot.expect_request(lambda asked: bool(sends(asked.method))) as sent:
+        go.click()
+    assert f"<{LF.plan}>" not in (sent.value.post_data or "")
+    expect(form.locator(".task .state")).to_have_text("succeeded")
 
 
 def test_a_refusal_offers_to_look_for_a_way_round(robot: Page, client: Client, watched: Watched) -> None:

@@ -3,7 +3,9 @@
 import { complain, fieldsFor, read } from "./form.js";
 import { converted, number } from "./format.js";
 import { contact } from "./ghost.js";
+import { forgetPlan, keepPlan, withPlan } from "./kept_plan.js";
 import { pathControls } from "./planned_path.js";
+import { MATHS } from "./pose_of.js";
 import { refresh } from "./region.js";
 import { fresh, send } from "./request.js";
 import { follow } from "./tasks.js";
@@ -25,8 +27,9 @@ async function submit(form, button) {
     answer(form, "error", "Nothing was sent: see the fields that are marked.");
     return;
   }
-  const body = said || undefined; // who may leave all out sends no body: an empty one is a mistake
+  const asked = said || undefined; // who may leave all out sends no body: an empty one is a mistake
   const rehearsal = button?.dataset.prefer === "dry-run";
+  const body = rehearsal ? asked : withPlan(form.dataset.action, asked);
   const method = form.dataset.methods?.split(/\s+/)[0] || "POST";
   const headers = { Prefer: rehearsal ? "dry-run" : "return=representation" };
   // What can be rehearsed is a motion; others do not recognise a repeated request, and refuse the field.
@@ -38,6 +41,8 @@ async function submit(form, button) {
   form.removeAttribute("aria-busy");
   // A request without a response may have been executed: sent again unchanged, it has the same idempotency key.
   if (got.status) delete form.dataset.key;
+  if (got.status && !rehearsal) forgetPlan();
+  if (rehearsal) keepPlan(form.dataset.action, asked, got.graph);
   if (got.problem) refused(form, got);
   else if (rehearsal) rehearsed(form, got.graph);
   else done(form, got);
@@ -132,17 +137,34 @@ function rehearsed(form, graph, full = true) {
     return;
   }
   const lines = [];
-  for (const [predicate, name] of [["duration", "it would take"], ["pathDeviation", "off the line by at most"], ["positionResidual", "off the position by"], ["orientationResidual", "off the orientation by"]]) {
+  for (const [predicate, name] of [["duration", "it would take"], ["pathDeviation", "off the line by at most"], ["leastManipulability", "manipulability of at least"], ["positionResidual", "off the position by"], ["orientationResidual", "off the orientation by"]]) {
     const node = graph.value(root, lf(predicate));
     if (node) lines.push(`${name} ${quantity(graph, `_:${node.value}`)}`);
   }
   if (full) for (const target of graph.values(root, lf("target"))) lines.push(targetOf(graph, `_:${target.value}`));
   for (const { value } of facts.get(lf("plannedBecause")) ?? []) lines.push(`on a planned path: ${value}`);
+  if (facts.has(lf("plan"))) lines.push("this very motion is kept, to be carried out next");
+  const near = closestIn(graph, root);
+  if (near) lines.push(near.text);
   for (const { value } of facts.get(lf("preempts")) ?? []) lines.push(`it would end ${localName(value)}`);
   for (const { value } of facts.get(lf("unchecked")) ?? []) lines.push(uncheckedLink(graph, `_:${value}`));
   const path = pathControls(graph);
   answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines), ...(path ? [path] : []));
+  contact(near?.point, false);
   form.dispatchEvent(new CustomEvent("rehearsed", { bubbles: true, detail: graph }));
+}
+
+/** Return where a motion comes closest to something, in words and as a point in the world. */
+function closestIn(graph, root) {
+  const found = graph.value(root, lf("closest"));
+  if (!found) return undefined;
+  const node = `_:${found.value}`;
+  const apart = quantity(graph, `_:${graph.value(node, lf("clearance"))?.value}`);
+  const [share, time] = ["share", "atTime"].map((each) => graph.value(node, lf(each))?.value);
+  const when = time === undefined ? `after ${Math.round(100 * Number(share))} % of the way` : `after ${Number(time).toFixed(1)} s`;
+  const place = graph.value(node, lf("position"));
+  const point = place && ["x", "y", "z"].map((axis) => Number(graph.value(`_:${place.value}`, MATHS + axis)?.value));
+  return { text: `closest ${when}: ${apart} between ${graph.value(node, TITLE)?.value}`, point };
 }
 
 /** @returns {string[]} the links that no check of motions covers, after the change of a placement */

@@ -15,12 +15,13 @@ export function ghost(joints, refused = false) {
 }
 
 /**
- * Mark the place of a collision; without an argument, remove the mark.
+ * Mark the place of a collision, or where the robot comes close to something; without an argument, remove the mark.
  *
  * @param {number[]} [point] in the world, in metre
+ * @param {boolean} [refused] whether it is a collision
  */
-export function contact(point) {
-  drawing()?.contact?.(point);
+export function contact(point, refused = true) {
+  drawing()?.contact?.(point, refused);
 }
 
 /** Return what is to be shown, for a scene that is created later. */

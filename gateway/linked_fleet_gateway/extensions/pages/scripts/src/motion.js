@@ -2,6 +2,7 @@
 
 import { outcome } from "./act.js";
 import { ghost } from "./ghost.js";
+import { forgetPlan, keepPlan, withPlan } from "./kept_plan.js";
 import { fresh, send } from "./request.js";
 import { positionsIn } from "./targets.js";
 import { follow } from "./tasks.js";
@@ -62,6 +63,7 @@ export class Motion {
     if (joints) ghost(joints);
     const got = await send("POST", action, { body, headers: { Prefer: "dry-run" } });
     if (mine !== this.latest) return;
+    keepPlan(action, body, got.graph);
     outcome.rehearsed(this.form, got);
     ghost(targetsIn(got.graph) ?? joints, Boolean(got.problem));
   }
@@ -72,7 +74,8 @@ export class Motion {
     this.form.setAttribute("aria-busy", "true");
     outcome.waiting(this.form);
     const headers = { Prefer: "return=representation", "Idempotency-Key": fresh() };
-    const got = await send("POST", action, { body, headers });
+    const got = await send("POST", action, { body: withPlan(action, body), headers });
+    if (got.status) forgetPlan();
     this.form.removeAttribute("aria-busy");
     outcome.begun(this.form, got);
     if (got.problem) return false;

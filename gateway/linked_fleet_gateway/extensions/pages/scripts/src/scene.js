@@ -124,18 +124,19 @@ class RobotScene {
   }
 
   /**
-   * Mark where the robot would collide; without a point, remove the mark.
+   * Mark where the robot would collide or come close to something; without a point, remove the mark.
    *
    * @param {number[]} [point] in the world, in metre
+   * @param {boolean} [refused]
    */
-  contact(point) {
+  contact(point, refused = true) {
     this.contacted?.removeFromParent();
     this.contacted?.geometry.dispose();
     this.contacted?.material.dispose();
     this.contacted = undefined;
     this.section.toggleAttribute("data-contact", Boolean(point && this.around?.visible));
     if (point && this.around?.visible) {
-      const look = new MeshBasicMaterial({ color: this.view.colours.refused, depthTest: false, transparent: true, opacity: 0.85 });
+      const look = new MeshBasicMaterial({ color: refused ? this.view.colours.refused : this.view.colours.highlight, depthTest: false, transparent: true, opacity: 0.85 });
       this.contacted = new Mesh(new SphereGeometry(MARK * this.view.size, 24, 12), look);
       this.contacted.renderOrder = 1;
       this.contacted.position.copy(this.around.localToWorld(new Vector3(...point)));
