@@ -93,7 +93,7 @@ def test_figure_5a_action(browser: Browser) -> None:
     for predicate in (*words, RDFS.seeAlso, LF.invocations, LF.dryRun):
         page.graph.remove((None, predicate, None))
     page.graph.remove((page.iri, rdflib.RDF.type, LF.Rotate))
-    for path in (LF.speed, LF.speedScale, LF.precondition, LF.tiedTo, LF.path):
+    for path in (LF.speed, LF.speedScale, LF.precondition, LF.tiedTo, LF.path, LF.plan, LF.mayTouch):
         (option,) = page.graph.subjects(SH.path, path)
         assert page.graph.value(option, SH.minCount) is None
         _cut(page.graph, option)
