@@ -114,6 +114,7 @@ class Place:
             "output": "<> lf:value true .",
             "toolInput": "<> lf:value true .",
             "stopProtectively": "",
+            "missions": '<> <http://purl.org/dc/terms/title> "m" ; lf:step [ a lf:NotifyStep ; lf:text "hello" ] .',
             "rules": a_rule(_NEVER, self.browser.root + "actions/stopAll"),
             "subscriptions": _subscription(write.url.removesuffix("/subscriptions")),
         }

@@ -19,6 +19,7 @@ from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
 from linked_fleet_gateway.actions.opening import Opening
 from linked_fleet_gateway.actions.plan import Caller
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
+from linked_fleet_gateway.actions.store import kept_token
 from linked_fleet_gateway.base.errors import FleetError, Offline, OperationTimeout
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
@@ -62,8 +63,10 @@ class Call:
         self._invocation, self._lifecycle = invocation, lifecycle
         self.expected_s = 0.0
         """How long it takes as far as its plan knows."""
-        self.caller = replace(caller, idempotency_key="", request_digest="", body="")
-        """The caller, for whom further actions can be invoked (``Core.invoke``)."""
+        token = kept_token(caller.lease_token)
+        self.caller = replace(caller, lease_token=token, idempotency_key="", request_digest="", body="")
+        """The caller, for whom further actions can be invoked (``Core.invoke``), also by another gateway later."""
+        self.is_handed_over = False
         self.begun = asyncio.Event()
         """Set once it has been rehearsed, or has ended."""
         self.answered = asyncio.Event()
@@ -83,6 +86,10 @@ class Call:
     def cancelling(self) -> str:
         """Why somebody has asked to cancel it; empty if it is cancelled because the gateway ends."""
         return self._invocation.cancelling
+
+    def hand_over(self) -> None:
+        """Let the invocation stay as it is when the operation returns here, because another gateway goes on with it."""
+        self.is_handed_over = True
 
     def accept(self, duration_s: float = 0.0) -> None:
         """Accept the request, which is then answered. ``duration_s``: how long it is expected to take."""
@@ -203,8 +210,9 @@ class Operations:
                     call.expected_s = await operation.takes_s(caller)
                 call.begun.set()
                 await operation.run(call)
-            invocation.progress = 1.0
-            self._lifecycle.end(invocation, InvocationState.SUCCEEDED, "")
+            if not call.is_handed_over:
+                invocation.progress = 1.0
+                self._lifecycle.end(invocation, InvocationState.SUCCEEDED, "")
         except asyncio.CancelledError:
             if operation.resumes and call.answered.is_set() and not invocation.cancelling:
                 return  # another gateway goes on with it

@@ -375,7 +375,17 @@ def _settings(fields: dict[bytes, bytes]) -> dict[str, str]:
 
 def _secret(token: str) -> str:
     """Return the stored form of a token; empty for none, which matches no lease."""
+    if token.startswith(_KEPT):
+        return token.removeprefix(_KEPT)
     return text_hash(token) if token else ""
+
+
+_KEPT = "kept:"  # no client can send it: tokens are URNs
+
+
+def kept_token(token: str) -> str:
+    """Return what may be kept of a token: within gateways it proves the lease, and a client cannot use it."""
+    return token and _KEPT + _secret(token)
 
 
 def _ms(duration_s: float) -> int:

@@ -39,6 +39,7 @@ def websocket_caller(websocket: WebSocket) -> Caller:
         websocket.caller_name,
         f"urn:uuid:{named[0]}" if named else token,
         visible_robots=websocket.caller.visible_robots,
+        identity=websocket.caller,
     )
 
 

@@ -7,6 +7,7 @@ from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.api import DCTERMS, RDF, Graph, integer, timestamp
 from linked_fleet_gateway.extensions.missions.mission import (
+    TAGS,
     Confirm,
     FirstOf,
     Invoke,
@@ -132,7 +133,7 @@ def describe_run(graph: Graph, iri: NamedNode, run: Run) -> None:
     """Add all statements about a run, besides its types and title."""
     base = run.base
     graph.add(iri, LF.mission, NamedNode(base + run.mission_path))
-    graph.add(iri, LF.invocation, NamedNode(f"{base}{invocation_of(run, iri)}"))
+    graph.add(iri, LF.invocation, NamedNode(base + invocation_path_of(run, iri.value.rpartition("/")[2])))
     graph.add(iri, LF.state, LF.terms[run.phase])
     if run.reason:
         graph.add(iri, LF.reason, Literal(run.reason))
@@ -149,9 +150,38 @@ def describe_run(graph: Graph, iri: NamedNode, run: Run) -> None:
         graph.add(iri, LF.stepRun, _describe_step_run(graph, run, path, said))
 
 
-def invocation_of(run: Run, iri: NamedNode) -> str:
+def run_json(id: str, run: Run) -> bytes:
+    """Return a run in plain JSON."""
+    steps = [_step_json(run, path, said) for path, said in run.steps.items()]
+    told: dict[str, object] = {
+        "title": run.mission.title,
+        "mission": run.base + run.mission_path,
+        "invocation": run.base + invocation_path_of(run, id),
+        "state": run.phase,
+        "created": timestamp(run.began_ns).value,
+        "values": run.values,
+        "notes": run.notes,
+        "steps": steps,
+    }
+    return json.dumps(told | ({"reason": run.reason} if run.reason else {}), ensure_ascii=False).encode()
+
+
+def _step_json(run: Run, path: str, said: StepRun) -> dict[str, object]:
+    step = step_at(run.mission.step, path)
+    told: dict[str, object] = {"step": path, "type": TAGS[type(step)], "state": said.state, "attempt": said.attempt}
+    more = {
+        "title": step.title or step.name,
+        "invocation": said.invocation and run.base + said.invocation,
+        "reason": said.reason,
+        "started": timestamp(said.began_ns).value,
+        "ended": said.ended_ns and timestamp(said.ended_ns).value,
+    }
+    return told | {name: value for name, value in more.items() if value}
+
+
+def invocation_path_of(run: Run, id: str) -> str:
     """Return the path of the invocation of a run."""
-    return f"{run.mission_path}/actions/run/invocations/{iri.value.rpartition('/')[2]}"
+    return f"{run.mission_path}/actions/run/invocations/{id}"
 
 
 def _describe_step_run(graph: Graph, run: Run, path: str, said: StepRun) -> Node:

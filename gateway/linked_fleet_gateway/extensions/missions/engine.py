@@ -23,8 +23,10 @@ from linked_fleet_gateway.api import (
     NotFound,
     Operation,
     RedisUnavailable,
+    RequestEvent,
     Table,
     cancel_tasks,
+    robot_of,
     supervised,
 )
 from linked_fleet_gateway.extensions.missions.conditions import Conditions
@@ -187,6 +189,9 @@ class Engine:
             self._drivers.pop(call.id, None)
             self._awake.pop(call.id, None)
         run = self._runs.known.get(call.id)
+        if run is not None and run.phase not in OVER and run.owner != self._core.run:
+            call.hand_over()  # this gateway was away for so long that another one has gone on
+            return
         if run is not None and run.phase == "cancelled":
             raise asyncio.CancelledError
         if run is None or run.phase != "succeeded":
@@ -282,14 +287,22 @@ class Engine:
             except FleetError as error:
                 at = error.headers.get("location", "")
                 state: StepState = "unknown" if at else "failed"
+                self._tell(id, run, path, error.status, at)
                 await self._record(id, path, each.attempt, state, at, error.detail)
             except Exception:  # of whatever kind: the run must not wait for a step that nobody takes
                 log.exception("step %s of run %s could not be taken", path, id)
                 await self._record(id, path, each.attempt, "failed", "", "the gateway failed; its log has the reason")
             else:
                 self._of_invocation[invocation.id] = id
+                self._tell(id, run, path, 202, invocation_path(invocation))
                 await self._record(id, path, each.attempt, "running", invocation_path(invocation), "")
             return
+
+    def _tell(self, id: str, run: Run, path: str, status: int, invocation: str) -> None:
+        """Tell the audit what a mission has asked for in the name of who runs it."""
+        robot, who = robot_of(invocation) or "", run.creator.identity or run.creator.client
+        event = RequestEvent(who, "MISSION", f"/mission-runs/{id}#{path}", robot, status, created=invocation)
+        self._core.tell_of_request(event)
 
     def _may_start(self, id: str, path: str, attempt: int) -> bool:
         run = self._runs.known.get(id)

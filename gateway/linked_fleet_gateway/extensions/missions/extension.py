@@ -2,7 +2,7 @@
 
 import time
 from collections import Counter
-from collections.abc import AsyncIterator, Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -34,7 +34,7 @@ from linked_fleet_gateway.api import (
 from linked_fleet_gateway.base.errors import InsufficientScope
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.missions.conditions import Conditions
-from linked_fleet_gateway.extensions.missions.describing import describe_mission, describe_run
+from linked_fleet_gateway.extensions.missions.describing import describe_mission, describe_run, run_json
 from linked_fleet_gateway.extensions.missions.engine import Change, Engine
 from linked_fleet_gateway.extensions.missions.mission import Confirm, Mission, step_at
 from linked_fleet_gateway.extensions.missions.parameters import read_values, run_offer
@@ -71,6 +71,11 @@ class MissionsExtension(Extension):
     settings = MissionSettings
     navigation = (NavigationEntry("Missions", "/missions", 15),)
 
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.missions import page
+
+        return page.VIEWS
+
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         section = core.section(MissionSettings)
@@ -99,8 +104,10 @@ def _missions(
     targets: Targets, conditions: Conditions, engine: Engine, core: Core, table: Table[Mission]
 ) -> Container[Mission]:
     async def check(mission: Mission, tree: Tree, caller: Identity) -> None:
-        targets.check(mission, tree.view.base, tree, caller)
+        await targets.check(mission, tree.view.base, tree, caller)
         await conditions.check(mission, tree.view.base, caller)
+
+    targets.missions = table.known
 
     def describe(graph: Graph, member: Member[Mission]) -> None:
         describe_mission(graph, member.iri, member.record)
@@ -130,8 +137,9 @@ def _run(targets: Targets, engine: Engine, core: Core, mission: Mission, request
     typed: Mapping[str, tuple[Value, str]] = {each.name: (values[each.name], each.type) for each in mission.parameters}
 
     async def rehearse(caller: Caller) -> float:
+        targets.check_nesting(path, mission)
         tree = core.live.tree(base, caller.visible_robots)
-        targets.check_run(mission, typed, base, tree, caller.identity)
+        await targets.check_run(mission, typed, base, tree, caller.identity)
         return 0.0
 
     async def run(call: Call) -> None:
@@ -180,7 +188,8 @@ def _runs(records: Records, targets: Targets) -> Container[Run]:
     return Container(
         segment="mission-runs", title="Runs of missions", type=LF.MissionRunList, member_type=LF.MissionRun,
         records=records, shape=LF.MissionRunShape, read=read, describe=describe,
-        title_of=lambda run: run.mission.title, predicate=LF.missionRuns, visible=visible,
+        title_of=lambda run: run.mission.title, json=lambda member: run_json(member.id, member.record),
+        predicate=LF.missionRuns, visible=visible,
         blueprint=LF.MissionRunListShape, member_blueprint=LF.MissionRunShape,
         writing=(Right.ACT, Right.ADMIN), by_clients=False,
     )  # fmt: skip

@@ -23,6 +23,8 @@ def check_value(parameter: Parameter, value: Value) -> Value:
     name = parameter.name
     if not isinstance(value, _WANTED[parameter.type]) or isinstance(value, bool) != (parameter.type == "boolean"):
         raise UnprocessableContent(f"The value of {name} is of the type {parameter.type}, not {value!r:.60}.")
+    if parameter.type == "iri":
+        check_iri(str(value), f"The value of {name}")
     low, high = parameter.minimum, parameter.maximum
     if parameter.type in ("number", "integer") and not _is_within(float(value), low, high):
         bounds = f"{'' if low is None else f'from {low:g} '}{'' if high is None else f'to {high:g}'}"
@@ -39,6 +41,15 @@ _WANTED: dict[str, tuple[type, ...]] = {
 
 def _is_within(value: float, low: float | None, high: float | None) -> bool:
     return math.isfinite(value) and (low is None or value >= low) and (high is None or value <= high)
+
+
+def check_iri(text: str, who: str) -> None:
+    """Raise UnprocessableContent for a text that is no IRI; none is fine."""
+    try:
+        if text:
+            NamedNode(text)
+    except ValueError as error:
+        raise UnprocessableContent(f"{who} names {text[:100]!r}, which is no IRI: {error}.") from error
 
 
 def predicate_of(mission: str, name: str) -> NamedNode:

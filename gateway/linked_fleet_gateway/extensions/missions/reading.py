@@ -20,7 +20,7 @@ from linked_fleet_gateway.extensions.missions.mission import (
     Wait,
     walk,
 )
-from linked_fleet_gateway.extensions.missions.parameters import check_value
+from linked_fleet_gateway.extensions.missions.parameters import check_iri, check_value
 from linked_fleet_gateway.extensions.missions.terms import JSON, LF
 from linked_fleet_gateway.extensions.missions.values import value_of, variables_of
 from linked_fleet_gateway.extensions.rules.template import template
@@ -29,6 +29,7 @@ from linked_fleet_gateway.rdf.graph import Node
 
 _KINDS = {iri: name for name, iri in TYPES.items()}
 _STEPS = {iri: step for step, iri in CLASSES.items()}
+_YEARS = 1970, 2200
 _LISTED = {LF.SequenceStep, LF.ParallelStep, LF.FirstOfStep}
 _ALLOWED: dict[NamedNode, frozenset[NamedNode]] = {
     LF.InvokeStep: frozenset({LF.invokes, LF.kind, LF.actsOn, LF.body}),
@@ -176,7 +177,7 @@ class _Steps:
         if isinstance(value, Literal) and value.datatype.value == JSON:
             try:
                 return {"body": json.loads(value.value)}
-            except ValueError as error:
+            except (ValueError, RecursionError) as error:
                 raise UnprocessableContent(f"lf:body of the step {path} is no JSON: {error}") from error
         raise UnprocessableContent(f"lf:body of the step {path} is a blank node, or a literal of the type rdf:JSON.")
 
@@ -238,11 +239,11 @@ def form(iri: str) -> DeclaredForm:
 def _triples(content: bytes, iri: str, most: int) -> list[Triple]:
     try:
         mission = msgspec.json.decode(content, type=Mission)
+        check(mission)
     except msgspec.ValidationError as error:
         raise UnprocessableContent(f"The mission is not usable: {error}", constraint=iri) from error
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise BadRequest(f"The body is no JSON: {error}") from error
-    check(mission)
     graph = Graph()
     root = graph.blank()
     graph.add(root, DCTERMS.title, Literal(mission.title))
@@ -279,6 +280,10 @@ def _refuse_repeated(names: Collection[str], who: str) -> None:
 def _check_invoke(step: Invoke, parameters: Collection[str], named: Collection[str]) -> None:
     if bool(step.action) == bool(step.kind and step.of):
         raise UnprocessableContent("A step invokes either an action, or the action of a kind at a thing: kind and of.")
+    for iri in (step.action, step.kind, step.of if isinstance(step.of, str) else ""):
+        check_iri(iri, "A step")
+    if _depth(step.body) > MOST_DEEP:
+        raise UnprocessableContent(f"The body of a step is at most {MOST_DEEP} deep.")
     if step.body is not None and step.triples:
         raise UnprocessableContent("A step has either a body in JSON, or triples.")
     for each in variables_of(step):
@@ -289,14 +294,27 @@ def _check_invoke(step: Invoke, parameters: Collection[str], named: Collection[s
             )
 
 
+def _depth(given: object) -> int:
+    """Return how deep objects and lists are nested, as far as that is more than may be."""
+    deepest, pending = 0, [(given, 1)]
+    while pending:
+        each, depth = pending.pop()
+        deepest = max(deepest, depth)
+        if depth <= MOST_DEEP and isinstance(each, dict | list):
+            pending += [(inner, depth + 1) for inner in (each.values() if isinstance(each, dict) else each)]
+    return deepest
+
+
 def _check_wait(step: Wait) -> None:
     if [step.seconds is not None, bool(step.until), bool(step.condition)].count(True) != 1:
         raise UnprocessableContent("A step that waits has one of seconds, until and condition.")
     if step.until:
         try:
-            datetime.fromisoformat(step.until)
+            year = datetime.fromisoformat(step.until).year
         except ValueError as error:
             raise UnprocessableContent(f"until is an xsd:dateTime, such as 2026-11-29T20:00:00Z: {error}") from error
+        if not _YEARS[0] <= year <= _YEARS[1]:
+            raise UnprocessableContent(f"until is an instant of the years {_YEARS[0]} to {_YEARS[1]}.")
 
 
 def _check_parameter(parameter: Parameter) -> None:

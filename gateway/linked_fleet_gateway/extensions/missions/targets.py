@@ -2,13 +2,13 @@
 
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from hashlib import blake2b
 from urllib.parse import unquote
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.api import Conflict, Core, Invocation, UnprocessableContent, robot_of, thing_at
+from linked_fleet_gateway.api import Conflict, Core, Invocation, UnprocessableContent, robot_of, thing_at, time_sliced
 from linked_fleet_gateway.extensions.missions.mission import Invoke, Mission, Variable, walk
 from linked_fleet_gateway.extensions.missions.record import Creator, Run
 from linked_fleet_gateway.extensions.missions.values import (
@@ -26,17 +26,19 @@ from linked_fleet_gateway.faces import EVERYBODY, Claims, Identity, Offer, Right
 from linked_fleet_gateway.serving import Caller, Identities, robot_time
 
 Values = Mapping[str, tuple[Value, str]]
+MOST_NESTED = 8
 
 
 class RightsEnded(Conflict):
     """Who runs the mission has lost the right to it."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Targets:
-    """Finds the actions of steps in the fleet, for the callers that may invoke them."""
+    """Finds the actions of steps in the fleet, for the callers that may invoke them. ``missions`` are all, by id."""
 
     core: Core
+    missions: Mapping[str, Mission] = field(default_factory=dict)
 
     def offer(self, step: Invoke, values: Values, base: str, tree: Tree, caller: Identity) -> Offer:
         """Return the action of a step. Raises UnprocessableContent if there is none, InsufficientScope."""
@@ -71,15 +73,40 @@ class Targets:
         own = next((each for each in self.core.public_urls if iri.startswith(each + "/")), None)
         return None if own is None else robot_of(unquote(iri[len(own) :]))
 
+    def check_nesting(self, path: str, mission: Mission) -> None:
+        """Raise UnprocessableContent if a mission would run itself by its steps, or missions are nested too deep."""
+        self._nested(mission, (path,))
+
+    def _nested(self, mission: Mission, above: tuple[str, ...]) -> list[Mission]:
+        """Return the missions that a mission runs by its steps, at any depth."""
+        found = list[Mission]()
+        for step in invoked(mission):
+            path = self._mission_path(step.action)
+            inner = self.missions.get(path.rpartition("/")[2]) if path else None
+            if inner is None:
+                continue
+            if path in above:
+                raise UnprocessableContent(f"The mission {inner.title} would run itself; missions have no circles.")
+            if len(above) >= MOST_NESTED:
+                raise UnprocessableContent(f"Missions run each other at most {MOST_NESTED} deep.")
+            found += [inner, *self._nested(inner, (*above, path))]
+        return found
+
+    def _mission_path(self, action: str) -> str:
+        """Return the path of the mission that an action runs; empty if it is another action."""
+        own = next((each for each in self.core.public_urls if action.startswith(each + "/missions/")), None)
+        end = "/actions/run"
+        return action[len(own) :].removesuffix(end) if own is not None and action.endswith(end) else ""
+
     # -- checks -----------------------------------------------------------------------------------------------------
 
-    def check(self, mission: Mission, base: str, tree: Tree, caller: Identity) -> None:
+    async def check(self, mission: Mission, base: str, tree: Tree, caller: Identity) -> None:
         """Check all steps for which that is possible before the mission has values. Raises UnprocessableContent,
         InsufficientScope.
         """
         kinds = {each.name: each for each in mission.parameters}
         values: dict[str, tuple[Value, str]] = {name: (sample(each), each.type) for name, each in kinds.items()}
-        for step in invoked(mission):
+        async for step in time_sliced(invoked(mission)):
             names = variables_of(step)
             unknown = {name for name in names if name not in kinds or is_free(kinds[name])}
             if isinstance(step.of, Variable) and step.of.variable in unknown:
@@ -88,11 +115,14 @@ class Targets:
             if not unknown:
                 self.body(step, offer, values, base)
 
-    def check_run(self, mission: Mission, values: Values, base: str, tree: Tree, caller: Identity) -> None:
-        """Check all steps with the values of a run, but those that need results of other steps. Raises as ``check``."""
-        for step in invoked(mission):
+    async def check_run(self, mission: Mission, values: Values, base: str, tree: Tree, caller: Identity) -> None:
+        """Check all steps with the values of a run, but those that need results of other steps. Raises as ``check``.
+
+        Bodies without variables were checked when the mission was written.
+        """
+        async for step in time_sliced(invoked(mission)):
             offer = self.offer(step, values, base, tree, caller)
-            if variables_of(step) <= values.keys():
+            if (named := variables_of(step)) and named <= values.keys():
                 self.body(step, offer, values, base)
 
     def body(self, step: Invoke, offer: Offer, values: Values, base: str) -> None:
@@ -108,9 +138,11 @@ class Targets:
             self.core.check_json_input(offer, base, json_body(step.body or {}, values))
 
     def robots(self, mission: Mission, values: Values, base: str, tree: Tree, caller: Identity) -> tuple[str, ...]:
-        """Return the robots that the steps act on. Raises as ``offer``."""
+        """Return the robots that the steps act on, also those of missions that they run. Raises as ``offer``."""
         offers = [self.offer(each, values, base, tree, caller) for each in invoked(mission)]
-        return tuple(sorted({robot for each in offers if (robot := robot_of(each.path)) is not None}))
+        found = {robot for each in offers if (robot := robot_of(each.path)) in self.core.robots}
+        nested = (self.named_robots(each) for each in self._nested(mission, ()))
+        return tuple(sorted(filter(None, found.union(*nested))))
 
     # -- invocation -------------------------------------------------------------------------------------------------
 

@@ -210,13 +210,13 @@ def segments(iri: str, root: str) -> list[str]:
 
 
 def task(iri: str, root: str) -> str:
-    """Describe an action, an invocation or what is below it in words: what is done, and to which joint."""
+    """Describe an action, an invocation or what is below it in words: what is done, and to which joint or member."""
     found = segments(iri, root)
     if _ACTIONS not in found[:-1]:
         return place(iri, root)
     at = found.index(_ACTIONS)
-    joint = segment_name(found[1], 1) if at == 2 else ""
-    return f"{term_in_words(found[at + 1])} {joint}".rstrip()
+    part = step(found, 1) if at == 2 else ""
+    return f"{term_in_words(found[at + 1])} {part}".rstrip()
 
 
 def thing(iri: str, root: str) -> str:

@@ -1,8 +1,10 @@
 """Missions at two gateways with one Redis and a robot that they move."""
 
 import contextlib
+import functools
 import json
 import signal
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -13,6 +15,7 @@ import pytest
 import rdflib
 
 from browser import HYBRIT, LF, SH
+from commanding import control, put
 from gateway_group import Gateway, Hub, gateways, hub
 from redis_servers import Servers, single
 from rules_client import sides
@@ -21,6 +24,7 @@ from small_fleet import live
 
 pytestmark = pytest.mark.virtual
 RAD = "http://qudt.org/vocab/unit/RAD"
+DEEP: dict[str, Any] = functools.reduce(lambda inner, _: {"a": inner}, range(30), {})
 
 
 @dataclass
@@ -129,6 +133,13 @@ def test_a_sequence_runs_to_its_end_and_shows_its_parts(scene: Scene) -> None:
     run.ends("succeeded")
     assert run.steps(scene.other) == {"0.0": "succeeded", "0.1": "succeeded", "0.2": "succeeded"}
     assert len(run.invocations()) == 2
+    other = scene.other.browser
+    url = f"{other.root}mission-runs/{run.invocation.rpartition('/')[2]}"
+    said = other.http.get(url, headers={"accept": "application/json"}).json()
+    assert said["state"] == "succeeded"
+    assert [(each["step"], each["type"], each["state"]) for each in said["steps"]] == [
+        ("0.0", "invoke", "succeeded"), ("0.1", "notify", "succeeded"), ("0.2", "invoke", "succeeded")
+    ]  # fmt: skip
     assert "half way" in {str(each) for each in run.at(scene.one).objects(None, LF.note)}
 
 
@@ -157,6 +168,9 @@ def test_parameters_are_the_input_of_the_action(scene: Scene) -> None:
         ),
         ({"type": "invoke", "action": "ROOT/ur5/wrist_3_joint/actions/rotate", "body": {"valeu": 1}}, "valeu"),
         ({"type": "invoke", "action": "ROOT/ur5/actions/stop", "body": {"value": 1}}, "takes no body"),
+        ({"type": "invoke", "action": "no iri"}, "no IRI"),
+        ({"type": "invoke", "action": "ROOT/ur5/wrist_3_joint/actions/rotate", "body": DEEP}, "deep"),
+        ({"type": "wait", "until": "9999-12-31T00:00:00Z"}, "years"),
         ({"type": "dance"}, "dance"),
         ({"type": "sequence", "steps": []}, "steps"),
         ({"type": "wait"}, "one of seconds, until and condition"),
@@ -288,3 +302,102 @@ def test_an_idempotency_key_begins_one_run(scene: Scene) -> None:
     mission = scene.mission({"type": "wait", "seconds": 1})
     fields = {"idempotency-key": '"k"'}
     assert scene.run(mission, **fields).invocation == scene.run(mission, **fields).invocation
+
+
+def test_a_mission_runs_another_one_but_not_itself(scene: Scene) -> None:
+    inner = scene.mission(scene.rotate("wrist_3_joint", 3.0, speed=0.1))
+    step = {"type": "invoke", "action": inner + "/actions/run"}
+    outer = scene.mission(step)
+    run = scene.run(outer)
+    eventually(lambda: run.steps() == {"0.0": "running"}, "the inner run")
+    (inside,) = run.invocations()
+    assert scene.one.browser.http.post(run.invocation + "/actions/cancel").status_code == 204
+    run.ends("cancelled")
+    assert Run(scene, inside).state() == "cancelled"
+    again = {"title": "itself", "step": {"type": "invoke", "action": outer + "/actions/run"}}
+    assert scene.one.browser.http.put(inner, json=again).status_code == 204
+    answer = scene.one.browser.http.post(outer + "/actions/run")
+    assert answer.status_code == 422
+    assert "circles" in answer.json()["detail"]
+
+
+def test_a_lease_of_its_client_counts_for_the_steps(scene: Scene) -> None:
+    lease = str(scene.one.browser.robot("ur5").one(LF.lease))
+    answer = put(scene.one.browser, lease, control("me", 60))
+    token = answer.headers["lock-token"]
+    mission = scene.mission(scene.rotate("wrist_3_joint", 0.2))
+    run = scene.run(mission, **{"lock-token": token})
+    run.ends("succeeded")
+    run = scene.run(mission)
+    run.ends("failed")
+    assert "control" in run.reason()
+
+
+def test_a_mission_is_changed_by_a_patch(scene: Scene) -> None:
+    mission = scene.mission({"type": "wait", "seconds": 1})
+    update = """PREFIX dcterms: <http://purl.org/dc/terms/>
+        DELETE { <> dcterms:title ?old } INSERT { <> dcterms:title "another" } WHERE { <> dcterms:title ?old }"""
+    fields = {"content-type": "application/sparql-update"}
+    answer = scene.one.browser.http.patch(mission, content=update, headers=fields)
+    assert answer.status_code == 204, answer.text
+    said = scene.one.browser.http.get(mission, headers={"accept": "application/json"}).json()
+    assert said["title"] == "another"
+    assert said["step"]["type"] == "sequence"
+
+
+def test_what_its_steps_ask_for_is_in_the_audit(scene: Scene) -> None:
+    run = scene.run(scene.mission(scene.rotate("wrist_3_joint", 0.2)))
+    run.ends("succeeded")
+    said = scene.one.get(scene.one.browser.root + "audit").text
+    assert "MISSION" in said
+
+
+def test_an_unknown_outcome_waits_for_the_word_of_the_robot_or_for_a_person(scene: Scene) -> None:
+    agent = ("-m", "linked_fleet_agent", "--robot=b=ur5", "--connect", scene.hub.endpoint)
+    with process(*agent) as first:
+        live(scene.one.browser, "b")
+        far = scene.rotate("wrist_3_joint", 3.0, speed=0.1)
+        far["action"] = far["action"].replace("/ur5/", "/b/")
+        run = scene.run(scene.mission(far, {"type": "notify", "text": "after"}, holds=True))
+        eventually(lambda: run.steps() == {"0.0": "running"}, "the motion")
+        first.send(signal.SIGKILL)
+        eventually(lambda: run.steps() == {"0.0": "unknown"}, lambda: str(run.steps()))
+    with process(*agent):
+        eventually(lambda: run.steps() == {"0.0": "failed"}, lambda: str(run.steps()))
+        assert run.state() == "running"
+        assert run.do("retry", {"step": "0.0"}).status_code == 204
+        eventually(lambda: run.steps() == {"0.0": "running"}, lambda: str(run.steps()))
+        (invocation,) = run.invocations()
+        assert scene.one.browser.http.post(invocation + "/actions/cancel").status_code == 204
+        eventually(lambda: run.steps() == {"0.0": "cancelled"}, lambda: str(run.steps()))
+        assert run.do("skip", {"step": "0.0"}).status_code == 204
+        run.ends("succeeded")
+
+
+def test_nothing_begins_while_redis_is_away_and_the_run_goes_on_afterwards(scene: Scene) -> None:
+    run = scene.run(scene.mission({"type": "wait", "seconds": 2}, scene.rotate("wrist_3_joint", 0.2)))
+    eventually(lambda: run.steps() == {"0.0": "waiting"}, "the wait")
+    scene.memory.kill()
+    begun_s = time.monotonic()
+    eventually(lambda: time.monotonic() > begun_s + 5, "the wait is over")
+    assert run.steps() == {"0.0": "waiting"}
+    scene.memory.start()
+    run.ends("succeeded")
+    assert run.steps() == {"0.0": "succeeded", "0.1": "succeeded"}
+
+
+def test_pages_show_the_steps_of_a_mission_and_of_its_run(scene: Scene) -> None:
+    ask = {"type": "confirm", "text": "Is the way free?"}
+    mission = scene.mission({"type": "repeat", "times": 2, "step": ask}, scene.rotate("wrist_3_joint", 0.2, "turn"))
+    run = scene.run(mission)
+    eventually(lambda: run.steps() == {"0.0.0#0": "waiting"}, "the question")
+    root = scene.one.browser.root
+    pages = {
+        mission: ("One after the other", "2 times", "Is the way free?", "wrist_3_joint/actions/rotate", "actions/run"),
+        f"{root}mission-runs/{run.invocation.rpartition('/')[2]}": ("0.0.0#0", "Is the way free?", "actions/confirm"),
+        f"{root}missions": (mission, "mission-runs"),
+        f"{root}mission-runs": ("a mission", "running"),
+    }
+    for url, words in pages.items():
+        page = scene.one.browser.http.get(url, headers={"accept": "text/html"}).text
+        assert all(each in page for each in words), (url, [each for each in words if each not in page])

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 import rdflib
+from rdflib import URIRef
 
 from browser import LDP, LF
 from gateway_group import Gateway, gateways, hub
@@ -113,3 +114,21 @@ def test_each_step_is_taken_once_whenever_a_gateway_is_killed(fleet: Fleet, at_s
 
 def test_a_gateway_that_ends_in_order_hands_its_runs_over(fleet: Fleet) -> None:
     _check(fleet, 2.0, signal.SIGTERM)
+
+
+def test_a_gateway_that_was_frozen_leaves_its_runs_to_who_has_gone_on(fleet: Fleet) -> None:
+    path, begun_s = fleet.begin(), time.monotonic()
+    eventually(lambda: time.monotonic() >= begun_s + 1.0, "the first steps")
+    fleet.one.process.send(signal.SIGSTOP)
+    eventually(lambda: time.monotonic() >= begun_s + 25.0, "the other gateway has gone on")
+    fleet.one.process.send(signal.SIGCONT)
+    run = rdflib.URIRef(fleet.other.browser.root + path)
+    eventually(lambda: (run, LF.state, LF.succeeded) in fleet.described(path), lambda: str(fleet.described(path)))
+    assert fleet.taken() == {"a": 3, "b": 2, "c": 4}
+    invocation = next(fleet.described(path).objects(run, LF.invocation))
+    for each in (fleet.one, fleet.other):
+        ends = URIRef(each.here(str(invocation)))
+        eventually(
+            lambda each=each, ends=ends: each.browser.page(str(ends)).one(LF.state) == LF.succeeded,  # type: ignore[misc]
+            "the end of the invocation",
+        )

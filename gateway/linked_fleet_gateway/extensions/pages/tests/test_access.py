@@ -54,6 +54,13 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
     world = browser.page(str(root.one(LF.world)))
     crate = browser.http.post(str(world.one(LF.objects)), content=CRATE, headers=TURTLE)
     assert crate.status_code == 201, crate.text
+    ask: dict[str, Any] = {
+        "type": "sequence",
+        "steps": [{"type": "confirm", "text": "Go on?"}, {"type": "invoke", "action": rotate}],
+    }
+    ask["steps"][1]["body"] = {"value": 0.1, "unit": "http://qudt.org/vocab/unit/RAD"}
+    mission = browser.http.post(browser.root + "missions", json={"title": "A mission", "step": ask}).headers["location"]
+    run = browser.http.post(mission + "/actions/run").headers["location"]
     return {
         "fleet": browser.root,
         "robot": robot.url,
@@ -86,6 +93,10 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
         "rules": str(root.one(LF.rules)),
         "rule": rule,
         "firings": rule + "/firings",
+        "missions": str(root.one(LF.missions)),
+        "mission": mission,
+        "runs": browser.root + "mission-runs",
+        "run": f"{browser.root}mission-runs/{run.rpartition('/')[2]}",
         "query": str(root.one(LF.query)),
         "results": browser.root + "query?query=SELECT%20%3Fa%20%7B%20%3Fa%20a%20%3Fb%20%7D%20LIMIT%209",
         "no query": browser.root + "query?query=SELECT",

@@ -74,7 +74,7 @@ def test_every_page_has_the_navigation_and_marks_one_entry(pages: dict[str, Elem
     for url, page in pages.items():
         (nav,) = [each for each in page.all("nav") if each.get("class") == "sections"]
         entries = {each.text: each.get("aria-current") for each in nav.all("a")}
-        assert list(entries)[:4] == ["Fleet", "World", "Rules", "Query"] and list(entries)[-1] == "Audit", url
+        assert list(entries)[:4] == ["Fleet", "World", "Missions", "Rules"] and list(entries)[-1] == "Audit", url
         marked = [name for name, current in entries.items() if current]
         path = urlsplit(url).path
         wanted = path.split("/")[1].capitalize() if path.split("/")[1].capitalize() in entries else "Fleet"
@@ -88,6 +88,8 @@ def test_a_motion_is_a_sentence() -> None:
     both = {"a": (0.0, "rad"), "b": (1.0, "m")}
     assert texts.motion("/b/actions/moveJoints/invocations/7", "/", both) == "Move joints (2 joints)"
     assert texts.motion("/actions/stopAll/invocations/7", "/", {}) == "Stop all"
+    run = "/missions/0cdc393b-aaa3-4605-a0cb-6e8111341243/actions/run/invocations/7"
+    assert texts.motion(run, "/", {}) == "Run mission"
 
 
 def test_terms_are_words_and_have_help() -> None:
