@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from decimal import Decimal
 from typing import Any
 
 from pyoxigraph import Literal, NamedNode
@@ -126,7 +127,8 @@ def _shape(graph: Graph, parameter: Parameter, predicate: NamedNode) -> Node:
         graph.add(node, SH.datatype, DATATYPES[parameter.type])
     for bound, number in ((SH.minInclusive, parameter.minimum), (SH.maxInclusive, parameter.maximum)):
         if number is not None:
-            graph.add(node, bound, Literal(repr(number), datatype=XSD.double))
+            # A decimal: validators compare the decimals that people write with it exactly.
+            graph.add(node, bound, Literal(format(Decimal(repr(number)), "f"), datatype=XSD.decimal))
     if parameter.options:
         graph.add(node, SH.in_, graph.collection([term(each, parameter.type) for each in parameter.options]))
     return node

@@ -144,13 +144,16 @@ def test_a_sequence_runs_to_its_end_and_shows_its_parts(scene: Scene) -> None:
 
 
 def test_parameters_are_the_input_of_the_action(scene: Scene) -> None:
-    parameters = [{"name": "angle", "type": "number", "minimum": -1, "maximum": 1, "title": "where to"}]
+    parameters = [{"name": "angle", "type": "number", "minimum": -1, "maximum": 0.3, "title": "where to"}]
     mission = scene.mission(scene.rotate("wrist_3_joint", {"variable": "angle"}), parameters=parameters)
     shape = scene.one.browser.page(mission + "/actions/run")
     assert (None, SH.name, rdflib.Literal("angle")) in shape.graph
+    scene.run(mission, {"angle": 0.3}).ends("succeeded")
     for wrong in ({}, {"angle": 2}, {"angle": "far"}, {"angle": 0.2, "other": 1}):
         answer = scene.one.browser.http.post(mission + "/actions/run", json=wrong)
         assert answer.status_code == 422, (wrong, answer.text)
+    for least in (-1, -1.0):  # the bounds are values too
+        scene.run(mission, {"angle": least}).ends("succeeded")
     run = scene.run(mission, {"angle": 0.2})
     run.ends("succeeded")
     (invocation,) = run.invocations()
