@@ -118,11 +118,7 @@ def _parts(facts: Facts, iri: NamedNode) -> Iterator[PartHistory]:
 def _observed(facts: Facts, node: Term, unit: str) -> ObservationRow:
     simple = [facts.number(each, None, unit) for each in facts.all(node, SOSA.hasSimpleResult)]
     results = [*simple, *facts.values(node, SOSA.hasResult)]  # type: ignore[arg-type]
-    return ObservationRow(_first(facts, node, SOSA.resultTime), results)
-
-
-def _first(facts: Facts, subject: Term, predicate: NamedNode) -> Value | None:
-    return next(iter(facts.values(subject, predicate)), None)  # type: ignore[arg-type]
+    return ObservationRow(facts.first_value(node, SOSA.resultTime), results)  # type: ignore[arg-type]
 
 
 LIST = PageView(LF.HistoryList, _TEMPLATES / "histories.html", histories)

@@ -117,9 +117,8 @@ def runs(facts: Facts, iri: NamedNode) -> Part:
 
 
 def _run(facts: Facts, iri: NamedNode) -> RunRow:
-    return RunRow(
-        facts.link(iri), _first(facts, iri, LF.state), _first(facts, iri, DCTERMS.created), facts.text(iri, LF.reason)
-    )
+    state, when = facts.first_value(iri, LF.state), facts.first_value(iri, DCTERMS.created)
+    return RunRow(facts.link(iri), state, when, facts.text(iri, LF.reason))
 
 
 def run(facts: Facts, iri: NamedNode) -> Part:
@@ -135,17 +134,13 @@ def _step(facts: Facts, node: BlankNode) -> StepRunRow:
         facts.text(node, LF.stepPath),
         _word(facts, node),
         facts.text(node, DCTERMS.title),
-        _first(facts, node, LF.state),
+        facts.first_value(node, LF.state),
         facts.text(node, LF.reason),
         facts.text(node, LF.attempt),
-        _first(facts, node, PROV.startedAtTime),
-        _first(facts, node, PROV.endedAtTime),
+        facts.first_value(node, PROV.startedAtTime),
+        facts.first_value(node, PROV.endedAtTime),
         facts.link(invocation) if isinstance(invocation, NamedNode) else None,
     )
-
-
-def _first(facts: Facts, subject: NamedNode | BlankNode, predicate: NamedNode) -> Value | None:
-    return next(iter(facts.values(subject, predicate)), None)
 
 
 VIEWS = (

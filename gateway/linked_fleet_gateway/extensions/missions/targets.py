@@ -1,10 +1,8 @@
 """The actions that the steps of a mission invoke: found in the tree, checked with their bodies, and invoked."""
 
-import time
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from urllib.parse import unquote
 
 from pyoxigraph import NamedNode
 
@@ -18,9 +16,10 @@ from linked_fleet_gateway.extensions.missions.values import (
     known_values,
     rdf_body,
     sample,
+    values_in,
     variables_of,
 )
-from linked_fleet_gateway.extensions.rules.rule_invocation import find_action
+from linked_fleet_gateway.extensions.rules.rule_invocation import find_action, path_in_fleet, present_identity
 from linked_fleet_gateway.extensions.rules.template import triples_of
 from linked_fleet_gateway.faces import EVERYBODY, Claims, Identity, Offer, Right, Tree, offers_at
 from linked_fleet_gateway.serving import Caller, Identities, robot_time
@@ -30,7 +29,7 @@ MOST_NESTED = 8
 
 
 class RightsEnded(Conflict):
-    """Who runs the mission has lost the right to it."""
+    """The client that runs the mission has lost the right to it."""
 
 
 @dataclass
@@ -53,10 +52,10 @@ class Targets:
         return find_action(tree, found[0].path, caller)
 
     def _path(self, iri: str, base: str) -> str:
-        own = next((each for each in (base, *self.core.public_urls) if iri.startswith(each + "/")), None)
-        if own is None:
+        path = path_in_fleet(iri, (base, *self.core.public_urls))
+        if path is None:
             raise UnprocessableContent(f"{iri[:200]} is no resource of this fleet, whose IRIs begin with {base}/.")
-        return unquote(iri[len(own) :])
+        return path
 
     def _actions_of(self, thing: str) -> Sequence[Offer]:
         found = thing_at(thing, self.core.robots)
@@ -67,11 +66,8 @@ class Targets:
     def named_robots(self, mission: Mission) -> frozenset[str]:
         """Return the robots that a mission names, in its steps and their bodies."""
         own = {segment for each in self.core.extensions for segment in each.at_root}
-        return frozenset(filter(None, (self._robot_of(each) for each in _iris(mission)))) - own
-
-    def _robot_of(self, iri: str) -> str | None:
-        own = next((each for each in self.core.public_urls if iri.startswith(each + "/")), None)
-        return None if own is None else robot_of(unquote(iri[len(own) :]))
+        paths = (path_in_fleet(each, self.core.public_urls) for each in _iris(mission))
+        return frozenset(filter(None, (robot_of(each) for each in paths if each is not None))) - own
 
     def check_nesting(self, path: str, mission: Mission) -> None:
         """Raise UnprocessableContent if a mission would run itself by its steps, or missions are nested too deep."""
@@ -94,9 +90,8 @@ class Targets:
 
     def _mission_path(self, action: str) -> str:
         """Return the path of the mission that an action runs; empty if it is another action."""
-        own = next((each for each in self.core.public_urls if action.startswith(each + "/missions/")), None)
-        end = "/actions/run"
-        return action[len(own) :].removesuffix(end) if own is not None and action.endswith(end) else ""
+        path, end = path_in_fleet(action, self.core.public_urls) or "", "/actions/run"
+        return path.removesuffix(end) if path.startswith("/missions/") and path.endswith(end) else ""
 
     # -- checks -----------------------------------------------------------------------------------------------------
 
@@ -176,17 +171,10 @@ class Targets:
         identities: Identities | None = self.core.identities
         if identities is None:
             return EVERYBODY
-        found = _holder(identities, creator)
+        found = present_identity(identities, creator.identity, creator.claims)
         if found is None:
             raise RightsEnded("The rights of who runs the mission have ended.")
         return found
-
-
-def _holder(identities: Identities, creator: Creator) -> Identity | None:
-    roster, now_ns = identities.roster, time.time_ns()
-    if creator.claims is not None:
-        return roster.identity(creator.claims, now_ns)
-    return roster.holder(creator.identity, now_ns)
 
 
 def creator_of(caller: Caller) -> Creator:
@@ -206,13 +194,5 @@ def _iris(mission: Mission) -> Iterable[str]:
     for step in invoked(mission):
         yield step.action
         yield step.of if isinstance(step.of, str) else ""
-        yield from _texts(step.body)
+        yield from (each for each in values_in(step.body) if isinstance(each, str))
         yield from (each.object.value for each in triples_of(step.triples) if isinstance(each.object, NamedNode))
-
-
-def _texts(given: object) -> Iterable[str]:
-    if isinstance(given, str):
-        yield given
-    elif isinstance(given, dict | list):
-        for each in given.values() if isinstance(given, dict) else given:
-            yield from _texts(each)

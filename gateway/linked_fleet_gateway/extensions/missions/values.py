@@ -1,7 +1,7 @@
 """Values of a run: of its parameters and of the results of its steps, and bodies of actions with them. Pure."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from pyoxigraph import Literal, NamedNode, Triple
@@ -97,11 +97,15 @@ def variables_of(step: Invoke) -> set[str]:
 
 
 def _json_variables(given: Any) -> set[str]:
-    if isinstance(given, dict):
-        if given.keys() == {"variable"}:
-            return {str(given["variable"])}
-        given = list(given.values())
-    return set().union(*map(_json_variables, given)) if isinstance(given, list) else set()
+    objects = (each for each in values_in(given) if isinstance(each, dict))
+    return {str(each["variable"]) for each in objects if each.keys() == {"variable"}}
+
+
+def values_in(given: Any) -> Iterator[Any]:
+    """Yield a JSON value, and all values in it."""
+    yield given
+    for each in given.values() if isinstance(given, dict) else given if isinstance(given, list) else ():
+        yield from values_in(each)
 
 
 def sample(parameter: Parameter) -> Value:

@@ -170,6 +170,10 @@ class Facts:
             if predicate not in hidden
         ]
 
+    def first_value(self, subject: Subject, predicate: NamedNode) -> Value | None:
+        """Return the first value as shown; None if there is none."""
+        return next(iter(self.values(subject, predicate)), None)
+
     def values(self, subject: Subject, predicate: NamedNode, at: Address | None = None) -> list[Value]:
         found = self._said(subject, predicate)
         if len(found) != 1:

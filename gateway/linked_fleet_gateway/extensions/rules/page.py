@@ -154,7 +154,7 @@ def rule(facts: Facts, iri: NamedNode) -> Part:
     more = {
         "form": _form(own, values),
         "enabled": _enabled(facts, iri),
-        "state": _first(facts, iri, LF.state),
+        "state": facts.first_value(iri, LF.state),
         "reasons": [each.value for each in facts.all(iri, LF.reason) if isinstance(each, Literal)],
         "firings": facts.iri_of(iri, LF.firings),
     }
@@ -183,7 +183,7 @@ def _listed(facts: Facts, iri: NamedNode) -> RuleRow:
     return RuleRow(
         facts.link(iri),
         _enabled(facts, iri),
-        _first(facts, iri, LF.state),
+        facts.first_value(iri, LF.state),
         [texts.clean(each.value) for each in facts.all(iri, LF.reason) if isinstance(each, Literal)],
         _fired(facts, last) if isinstance(last, NamedNode) else None,
     )
@@ -203,8 +203,8 @@ def _fired(facts: Facts, iri: NamedNode) -> FiringRow:
     ]
     return FiringRow(
         Link(f"Firing {number}", iri.value, iri.value),
-        _first(facts, iri, DCTERMS.created),
-        _first(facts, iri, LF.state),
+        facts.first_value(iri, DCTERMS.created),
+        facts.first_value(iri, LF.state),
         facts.text(iri, LF.reason),
         did,
         bindings,
@@ -213,10 +213,6 @@ def _fired(facts: Facts, iri: NamedNode) -> FiringRow:
 
 def _enabled(facts: Facts, iri: NamedNode) -> bool:
     return facts.text(iri, LF.enabled) == "true"
-
-
-def _first(facts: Facts, iri: NamedNode, predicate: NamedNode) -> Value | None:
-    return next(iter(facts.values(iri, predicate)), None)
 
 
 RULES = PageView(LF.RuleList, _TEMPLATES / "rules.html", rules)

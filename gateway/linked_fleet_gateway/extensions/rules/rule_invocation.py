@@ -19,7 +19,7 @@ from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableCon
 from linked_fleet_gateway.extensions.rules.edges import Row
 from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.extensions.rules.template import fill
-from linked_fleet_gateway.faces import EVERYBODY, Identity, Invoke, Offer, Tree
+from linked_fleet_gateway.faces import EVERYBODY, Claims, Identity, Invoke, Offer, Tree
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.serving import Caller, Identities, RobotTime
 
@@ -100,16 +100,18 @@ def creator_of(rule: Rule, identities: Identities | None) -> Identity:
     """Return the identity that the rule acts for; everybody if authentication is off. Raises RightsEnded."""
     if identities is None:
         return EVERYBODY
-    now_ns = time.time_ns()
-    if rule.claims is not None:
-        now = identities.roster.identity(rule.claims, now_ns)
-    else:
-        now = identities.roster.holder(rule.creator, now_ns)
+    now = present_identity(identities, rule.creator, rule.claims)
     if now is None or not may_have_rules(now):
         raise RightsEnded("the rights of its creator ended")
     if now.visible_robots != rule.view:
         raise RightsEnded("the robots that its creator sees have changed since it was written; write it again")
     return now
+
+
+def present_identity(identities: Identities, name: str, claims: Claims | None) -> Identity | None:
+    """Return what an identity may do now, which had this name or these claims of an issuer; None if it has ended."""
+    roster, now_ns = identities.roster, time.time_ns()
+    return roster.holder(name, now_ns) if claims is None else roster.identity(claims, now_ns)
 
 
 def may_have_rules(identity: Identity) -> bool:
