@@ -142,10 +142,13 @@ class Lifecycle:
 
     def report_operation(self, invocation: Invocation) -> None:
         """Tell all gateways how far an operation of this gateway is, and that it is carried on."""
-        patience_s = RESUME_TIMEOUT_S if invocation.resumes else REPORT_TIMEOUT_S
-        invocation.deadline_ns = time.time_ns() + int(patience_s * 1e9)
+        invocation.deadline_ns = time.time_ns() + _patience_ns(invocation)
         self.replicated_state.save(invocation)
         self._announce(invocation)
+
+    def silence_s(self, invocation: Invocation) -> float:
+        """Return how long nobody has reported on an operation, in seconds."""
+        return (time.time_ns() + _patience_ns(invocation) - invocation.deadline_ns) / 1e9
 
     def ask_to_cancel(self, invocation: Invocation, reason: str) -> None:
         """Ask the gateway that carries out an operation to cancel it."""
@@ -310,6 +313,11 @@ class Lifecycle:
                 if self.stops.is_owed(invocation.robot, invocation.id):
                     invocation.reason += f"; {_OWED}"
                 self._settle(invocation)
+
+
+def _patience_ns(operation: Invocation) -> int:
+    """Return the time after a report in which an operation must be reported again."""
+    return int((RESUME_TIMEOUT_S if operation.resumes else REPORT_TIMEOUT_S) * 1e9)
 
 
 async def _cancel_nothing(invocation: Invocation, reason: str) -> bool:

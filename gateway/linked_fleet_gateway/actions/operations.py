@@ -84,7 +84,7 @@ class Call:
 
     @property
     def cancelling(self) -> str:
-        """Why somebody has asked to cancel it; empty if it is cancelled because the gateway ends."""
+        """The reason of whoever has asked to cancel it; empty if it is cancelled because the gateway ends."""
         return self._invocation.cancelling
 
     def hand_over(self) -> None:

@@ -1,4 +1,4 @@
-"""What a robot says of one of its grippers. Pure."""
+"""Grippers, as their robots describe them. Pure."""
 
 from msgspec import Struct
 

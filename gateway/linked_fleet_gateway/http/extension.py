@@ -174,6 +174,10 @@ class Core:
         """Invoke an action by the JSON form of its input, as ``invoke`` does."""
         return await self.invoke(offer, base, caller, _statements(offer, base, given), moment)
 
+    def silence_s(self, invocation: Invocation) -> float:
+        """Return how long the gateway of an operation has not reported on it, in seconds."""
+        return self.actions.lifecycle.silence_s(invocation)
+
     def check_input(self, offer: Offer, base: str, statements: Sequence[Triple]) -> None:
         """Check the input of an action as ``invoke`` does. Raises UnprocessableContent."""
         validate_action_body(offer, statements, base)

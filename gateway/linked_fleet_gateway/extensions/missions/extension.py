@@ -35,12 +35,14 @@ from linked_fleet_gateway.base.errors import InsufficientScope
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.missions.conditions import Conditions
 from linked_fleet_gateway.extensions.missions.describing import describe_mission, describe_run, run_json
-from linked_fleet_gateway.extensions.missions.engine import Change, Engine
+from linked_fleet_gateway.extensions.missions.engine import Engine
 from linked_fleet_gateway.extensions.missions.mission import Confirm, Mission, step_at
 from linked_fleet_gateway.extensions.missions.parameters import read_values, run_offer
 from linked_fleet_gateway.extensions.missions.progress import confirmed, retried, skipped
 from linked_fleet_gateway.extensions.missions.reading import form, read_mission
 from linked_fleet_gateway.extensions.missions.record import OVER, Run
+from linked_fleet_gateway.extensions.missions.runs import Change, Runs
+from linked_fleet_gateway.extensions.missions.steps import Steps
 from linked_fleet_gateway.extensions.missions.targets import Targets, creator_of
 from linked_fleet_gateway.extensions.missions.terms import LF
 from linked_fleet_gateway.extensions.missions.values import Value
@@ -88,14 +90,15 @@ class MissionsExtension(Extension):
         runs: Table[Run] = core.table("mission-runs", Run, changed, section.most_runs)
         async with runs:
             conditions = Conditions(core.service(Queries))
-            engine = Engine(core, runs, targets, conditions)
+            known = Runs(runs)
+            engine = Engine(core, known, Steps(core, known, targets, conditions))
             engines.append(engine)
             make = partial(_missions, targets, conditions, engine, core)
             async with engine, core.open_container("missions", Mission, make, section.most) as missions:
                 with core.listening_to_stops(engine.stop), core.listening_to_invocations(engine.hear):
                     yield Mount(
                         branches=(missions.branch, _runs(Records(runs), targets).branch),
-                        handlers=_handlers(engine),
+                        handlers=_handlers(known),
                         metrics=lambda: _metrics(runs),
                     )
 
@@ -195,7 +198,7 @@ def _runs(records: Records, targets: Targets) -> Container[Run]:
     )  # fmt: skip
 
 
-def _handlers(engine: Engine) -> Mapping[NamedNode, Callable[[ActionRequest], Operation]]:
+def _handlers(runs: Runs) -> Mapping[NamedNode, Callable[[ActionRequest], Operation]]:
     def changing(change: Callable[[ActionRequest, Call], Change]) -> Callable[[ActionRequest], Operation]:
         def handle(request: ActionRequest) -> Operation:
             async def run(call: Call) -> None:
@@ -203,7 +206,7 @@ def _handlers(engine: Engine) -> Mapping[NamedNode, Callable[[ActionRequest], Op
                     _check_rights(run, call.caller.identity)
                     return change(request, call)(run)
 
-                await engine.change(request.member_id, checked)
+                await runs.change(request.member_id, checked)
                 call.accept()
 
             return Operation(run)

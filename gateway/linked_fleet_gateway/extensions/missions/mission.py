@@ -1,4 +1,4 @@
-"""What a mission is: parameters, and a tree of steps. Pure values; their JSON is that of clients and of the store."""
+"""Missions: parameters, and a tree of steps. Pure values; their JSON is that of clients and of the store."""
 
 from collections.abc import Iterator, Mapping
 from typing import Annotated, Any, Literal

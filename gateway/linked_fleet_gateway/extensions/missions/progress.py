@@ -1,4 +1,4 @@
-"""How a run goes on: what has become of its steps decides which ones begin, and which ones are cancelled. Pure.
+"""Progress of runs: the states of its steps decide which ones begin, and which ones are cancelled. Pure.
 
 A run is a function of its record alone, so that a gateway that takes over decides as the one before would have.
 """
@@ -31,7 +31,7 @@ _GOOD: frozenset[StepState] = frozenset({"succeeded", "skipped"})
 
 @dataclass
 class _Next:
-    """What is to be done: leaves to begin, and running leaves to cancel, by path."""
+    """The work that is due: leaves to begin, and running leaves to cancel, by path."""
 
     begin: list[tuple[str, Step]] = field(default_factory=list)
     cancel: list[str] = field(default_factory=list)

@@ -14,7 +14,7 @@ OVER: frozenset[Phase] = frozenset({"succeeded", "failed", "cancelled"})
 
 
 class StepRun(Struct, frozen=True, omit_defaults=True):
-    """What has become of a step that has no steps below it. Times in wall nanoseconds, 0 if there is none.
+    """The state of a step that has no steps below it. Times in wall nanoseconds, 0 if there is none.
 
     A step that is ``starting`` may have been invoked or not; who goes on with the run invokes it with the same
     idempotency key. ``due_ns`` is when a wait ends. ``result`` is JSON.
@@ -31,7 +31,7 @@ class StepRun(Struct, frozen=True, omit_defaults=True):
 
 
 class Creator(Struct, frozen=True, omit_defaults=True):
-    """Who runs a mission: the name by which requests are counted, and the identity whose rights count."""
+    """The client that runs a mission: the name by which requests are counted, and the identity whose rights count."""
 
     client: str = ""
     identity: str = ""
@@ -58,7 +58,7 @@ class Run(Struct, frozen=True, omit_defaults=True):
     phase: Phase = "running"
     reason: str = ""
     outcome: Phase | Literal[""] = ""
-    """How it ends once its running steps have ended, while it is ``ending``."""
+    """The state in which it ends once its running steps have ended, while it is ``ending``."""
     ended_ns: int = 0
     steps: dict[str, StepRun] = {}
     rounds: dict[str, int] = {}

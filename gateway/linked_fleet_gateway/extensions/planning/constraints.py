@@ -1,4 +1,4 @@
-"""What a motion keeps to, as its request says, and the refusal of a motion that cannot."""
+"""Constraints of a motion, as its request says them, and the refusal of a motion that breaks one."""
 
 import math
 

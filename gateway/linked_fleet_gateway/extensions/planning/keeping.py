@@ -1,4 +1,4 @@
-"""What a link keeps to on a path: judged on the curve that the agent follows. Radian, metre, second."""
+"""Constraints of a link on a path: judged on the curve that the agent follows. Radian, metre, second."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -21,7 +21,7 @@ class JointBounds(Struct, frozen=True):
 
 
 class Constraints(Struct, frozen=True):
-    """What the link ``tip`` keeps to on a path; empty if no single link is meant. Radian, metre, metre per second.
+    """Constraints of the link ``tip`` on a path; empty if no single link is meant. Radian, metre, metre per second.
 
     ``axis`` is its axis that points up, for ``upright``; empty for that which is nearest to the vertical at the start.
     ``stay_in`` has the least and the largest coordinates of its origin in the world.

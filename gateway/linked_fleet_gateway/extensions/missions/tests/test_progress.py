@@ -1,4 +1,4 @@
-"""How runs go on: every order of events gives what a plain interpreter gives, and nothing begins twice. Pure."""
+"""Progress of runs: every order of events gives what a plain interpreter gives, and nothing begins twice. Pure."""
 
 from collections.abc import Mapping
 
