@@ -1,15 +1,18 @@
 """From an offered action to its invocation: for requests, and for extensions that act for a client."""
 
-from collections.abc import Sequence
+import dataclasses
+from collections.abc import Mapping, Sequence
 
 from msgspec.structs import replace
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.operations import Operation
-from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime
+from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime, robot_time
+from linked_fleet_gateway.actions.rehearsals import Rehearsal
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.fleet.invocation import Invocation
+from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.body_values import Body, input_ntriples
 
@@ -38,6 +41,24 @@ async def carry_out(actions: Actions, offer: Offer, plan: Motion | Halt | Operat
     if isinstance(plan, Halt):
         return await actions.halt(offer.path, plan, caller)
     return await actions.start(offer.path, plan, caller)
+
+
+async def rehearse(
+    actions: Actions,
+    offer: Offer,
+    base: str,
+    caller: Caller,
+    statements: Sequence[Triple],
+    assumed: Mapping[str, Robot],
+) -> Rehearsal:
+    """Rehearse an action by the statements of its body, with ``assumed`` robots where they stand. Raises FleetError."""
+    body = validate_action_body(offer, statements, base) if offer.takes_body else empty_body(offer, base)
+    if offer.robot is not None:
+        offer = dataclasses.replace(offer, robot=assumed.get(offer.robot.name, offer.robot))
+    plan = await make_plan(actions, offer, base, body, robot_time(offer.robot))
+    if isinstance(plan, Motion):
+        plan = replace(plan, assumed=assumed)
+    return await actions.rehearsals.of(offer, plan, caller)
 
 
 async def invoke(

@@ -23,7 +23,7 @@ from linked_fleet_gateway.actions.store import kept_token
 from linked_fleet_gateway.base.errors import FleetError, Offline, OperationTimeout
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.resources.invocation import output_ntriples
 from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.subscriptions.live import Live
@@ -35,6 +35,10 @@ _ASK_AGAIN_S = 0.5  # until the gateway that carries out an operation has cancel
 STOPPED = "its robot was stopped"
 
 
+def describe_nothing(graph: Graph, node: Node) -> None:
+    """Add no statement about a rehearsal."""
+
+
 @dataclass(frozen=True)
 class Operation:
     """The plan of an action that is no motion of joints. ``duration_s`` is what a rehearsal says that it takes.
@@ -42,18 +46,27 @@ class Operation:
     ``run`` carries it out. It calls ``Call.accept`` once nothing prevents it any more; an error before that refuses the
     request. It is cancelled by a client, by a stop of its robot, and when the gateway ends. ``rehearse``, if given,
     returns the duration instead, and raises the errors by which the caller is refused. It comes before ``run``, too,
-    and may take longer than ``run`` may before it accepts. One that ``resumes`` does not end with its gateway: its
-    extension lets another gateway go on with it (``Core.resume``).
+    and may take longer than ``run`` may before it accepts. ``dry_run``, if given, takes its place for a request that
+    only rehearses, may take more time, and also returns a function that adds statements about the node of the
+    rehearsal. An operation that ``resumes`` does not end with its gateway: its extension lets another gateway go on
+    with it (``Core.resume``).
     """
 
     run: Callable[["Call"], Awaitable[None]]
     duration_s: float = 0.0
     rehearse: Callable[[Caller], Awaitable[float]] | None = None
     resumes: bool = False
+    dry_run: Callable[[Caller], Awaitable[tuple[float, Callable[[Graph, Node], None]]]] | None = None
 
     async def takes_s(self, caller: Caller) -> float:
         """Return how long it would take. Raises the errors by which it would be refused."""
         return self.duration_s if self.rehearse is None else await self.rehearse(caller)
+
+    async def rehearsed(self, caller: Caller) -> tuple[float, Callable[[Graph, Node], None]]:
+        """Return how long it would take, and what to say about its rehearsal. Raises as ``takes_s``."""
+        if self.dry_run is not None:
+            return await self.dry_run(caller)
+        return await self.takes_s(caller), describe_nothing
 
 
 class Call:

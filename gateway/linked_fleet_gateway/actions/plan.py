@@ -1,6 +1,6 @@
 """Requests of actions, and the motions and halts that handlers make of them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 
 from msgspec import UNSET, Raw, Struct, json
@@ -62,7 +62,8 @@ class Motion(Struct, frozen=True):
     required positions at the start. A motion that is ``tied_to_lease`` stops when the lease ends. ``facts`` are further
     values to report, by name (SI). ``computing_ns`` is the time that the plan took. It begins before
     ``until_ns`` of the robot's clock, if that is not 0. ``request`` is what was asked for; ``detour`` says why it takes
-    another path than the direct one, if it does.
+    another path than the direct one, if it does. ``assumed`` are robots as they would stand at its begin, by name; it
+    can be rehearsed then, not started.
     """
 
     robot: Robot
@@ -77,6 +78,11 @@ class Motion(Struct, frozen=True):
     until_ns: int = 0
     request: "ActionRequest | None" = None
     detour: str = ""
+    assumed: Mapping[str, Robot] = {}
+
+    def among(self, robots: Iterable[Robot]) -> list[Robot]:
+        """Return robots as they stand at its begin."""
+        return [self.assumed.get(each.name, each) for each in robots]
 
     @property
     def moves(self) -> bool:

@@ -4,8 +4,7 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -13,7 +12,7 @@ from msgspec.structs import replace as replace_struct
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.components import Operate
-from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Follow, Move, Refused, Reply, Stop
+from linked_fleet_agent.wire.messages import WIRE_VERSION, Command, Refused, Reply, Stop
 from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler, Plan
 from linked_fleet_gateway.actions.guards import Guards, Paths, limited, unchecked
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
@@ -38,14 +37,11 @@ from linked_fleet_gateway.actions.refusals import (
     translate_store_errors,
     unanswered_stop,
 )
+from linked_fleet_gateway.actions.rehearsals import Rehearsals
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, MotionRefused, Unimplemented
-from linked_fleet_gateway.fleet.closest import Closest
+from linked_fleet_gateway.base.errors import Busy, FleetError, MotionRefused, Unimplemented
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
-from linked_fleet_gateway.fleet.kept_plan import KeptPlan
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.invocation import invocation_path
@@ -55,30 +51,6 @@ from linked_fleet_gateway.subscriptions.live import Live
 log = logging.getLogger(__name__)
 
 MAX_WAITING_PLANS = 16  # of at most 100 ms each
-
-
-@dataclass(frozen=True)
-class Rehearsal:
-    """The result of a rehearsal: duration, and ids of the invocations that it would end.
-
-    ``findings``: whether each guard found the path free, by its predicate. ``unchecked``: the links that the guards
-    did not cover, each after its path. ``facts`` are further values, by name (SI). ``limited`` says why the guards
-    reduce its speed. ``path`` is the one that was planned, and ``detour`` why it is not the direct one. ``closest`` is
-    where guards found it closest to something. ``plan`` is the one that is kept for a request of this very motion.
-    ``things`` are what the findings depend on, each a predicate and a path.
-    """
-
-    duration_s: float
-    preempts: tuple[str, ...]
-    findings: Mapping[NamedNode, bool] = field(default_factory=dict)
-    unchecked: tuple[tuple[str, UncheckedLink], ...] = ()
-    facts: Mapping[str, float] = field(default_factory=dict)
-    limited: str = ""
-    path: Follow | None = None
-    detour: str = ""
-    closest: tuple[Closest, ...] = ()
-    plan: KeptPlan | None = None
-    things: tuple[tuple[NamedNode, str], ...] = ()
 
 
 class Actions:
@@ -94,6 +66,7 @@ class Actions:
         self.operations = Operations(live, self.lifecycle, self._opening)
         self._tasks: list[asyncio.Task[None]] = []
         self._stalls = StallDetector()
+        self.rehearsals = Rehearsals(live, self.guards, self.lifecycle, self._opening, self._stalls, self._ready)
         self._computing = asyncio.Semaphore(1)
         self._planning = 0
         self.stop_listeners: list[Callable[[tuple[str, ...] | None], None]] = []
@@ -253,32 +226,6 @@ class Actions:
         finally:
             self._planning -= 1
 
-    async def rehearse(self, motion: Motion, caller: Caller) -> Rehearsal:
-        """Return the effect that ``start`` would have. Raises the same errors."""
-        robot, waited_ns = motion.robot, await self._ready(motion, caller)
-        if motion.moves:
-            self.lifecycle.stops.check_motion(robot.name)
-        await self._opening.check(robot.name, caller, required_lease_id(robot) if motion.tied_to_lease else "")
-        began_ns, paths = time.monotonic_ns(), self.guards.paths(motion, caller, "")
-        motion, findings = await self.guards.on_free_path(motion, caller, "", paths)
-        waited_ns += self._stalls.elapsed_ns(began_ns)
-        motion, why = limited(motion, findings)
-        try:
-            command = build_command(str(uuid.uuid4()), motion, waited_ns, rehearsal=True)
-            reply = await self._live.link.command(robot.name, command, ANSWER_TIMEOUT_S)
-        except NoAnswer as error:
-            raise AgentTimeout(f"The agent of {robot.name} gave no answer: {error}.") from error
-        if isinstance(reply, Refused):
-            raise agent_refusal(robot, reply)
-        free = {predicate: finding.free for predicate, finding in findings.items()}
-        links, facts, path = unchecked(findings), dict(motion.facts), motion.motion if motion.detour else None
-        assert not isinstance(path, Move | Act)  # a planned path has waypoints
-        near = tuple(each.closest for each in findings.values() if each.closest is not None)
-        things = tuple(each for finding in findings.values() for each in finding.things)
-        kept = None if paths is None else await paths.keep(motion)
-        took_s, ends, why_planned = reply.duration_s, reply.preempts, motion.detour
-        return Rehearsal(took_s, ends, free, links, facts, why, path, why_planned, near, kept, things)
-
     async def _send(self, invocation: Invocation, command: Command | Operate) -> Reply:
         try:
             with self.lifecycle.replicated_state.defer_end(invocation):
@@ -299,7 +246,8 @@ class Actions:
         stop is then sent again until it does.
         """
         fleet, now_ns = self._live.fleet.robots, time.time_ns()
-        robot, asked = FLEET if halt.robots is None else halt.robots[0], self._reached(halt, caller.stoppable_robots)
+        robot = FLEET if halt.robots is None else halt.robots[0]
+        asked = self.lifecycle.stops.reached(halt.robots, caller.stoppable_robots)
         of_fleet = fleet if asked is None else asked
         online = [name for name in of_fleet if name in fleet and fleet[name].online] if halt.robots is None else []
         invocation = Invocation(
@@ -345,19 +293,3 @@ class Actions:
             raise agent_refusal(fleet[robot], reply)
         self.lifecycle.record_acceptance(invocation, reply)
         return invocation
-
-    def _reached(self, halt: Halt, stops: View) -> tuple[str, ...] | None:
-        """Return the robots that the caller may stop; None for all, known or not."""
-        if halt.robots is not None or stops.includes_all:
-            return halt.robots
-        return tuple(name for name in self.lifecycle.stops.known_robots() if stops.includes(name))
-
-    async def rehearse_halt(self, halt: Halt, stoppable_robots: View = ALL) -> Rehearsal:
-        """Return the invocations that ``halt`` would end."""
-        stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), joints=halt.joints, rehearsal=True)
-        replies = await self._live.link.stop(self._reached(halt, stoppable_robots), stop, ANSWER_TIMEOUT_S)
-        accepted = [reply for reply in replies.values() if isinstance(reply, Accepted)]
-        if halt.robots is not None and not accepted:
-            raise AgentTimeout(f"The agent of {halt.robots[0]} gave no answer.")
-        ends = tuple(id for reply in accepted for id in reply.preempts)
-        return Rehearsal(max((reply.duration_s for reply in accepted), default=0.0), ends)

@@ -17,6 +17,7 @@ from linked_fleet_agent.wire.messages import Accepted, Refused, Reply, Stop
 from linked_fleet_gateway.actions.owed_stop_table import OwedStopTable
 from linked_fleet_gateway.actions.refusals import name_some, owed_stop_refusal
 from linked_fleet_gateway.fleet.owed_stops import Key, OwedStop, OwedStops
+from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.subscriptions.live import Live
 
@@ -83,6 +84,12 @@ class StopDelivery:
         if silent:
             log.warning("stop %s is not confirmed and sent again when heard from: %s", stop.id, name_some(silent))
         return replies
+
+    def reached(self, named: tuple[str, ...] | None, stops: View) -> tuple[str, ...] | None:
+        """Return the robots of a stop that a caller may stop; None for all, known or not."""
+        if named is not None or stops.includes_all:
+            return named
+        return tuple(name for name in self.known_robots() if stops.includes(name))
 
     def known_robots(self) -> tuple[str, ...]:
         """Return all robots that are known, or that this gateway has not met yet and another one has moved."""

@@ -1,9 +1,12 @@
 """One robot as the gateway knows it: presence, description and latest frame."""
 
+import copy
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, Self
+
+from msgspec.structs import replace
 
 from linked_fleet_agent.urdf.facts import joint_mismatch
 from linked_fleet_agent.wire.codec import MAX_JOINTS, Header, WireError, decode_state, layout
@@ -253,6 +256,26 @@ class Robot:
         if payload is None or self.description is None:
             return []
         return joints_outside(payload, self.description.base == "floating", self._bounds)
+
+    def standing_at(self, positions: Mapping[str, float]) -> Self:
+        """Return a copy that stands still with some of its joints elsewhere (rad or m). No frame changes the copy.
+
+        A joint without a measured position has none in the copy either.
+        """
+        other, frame = copy.copy(self), self.frame
+        other._latest = None
+        other._observations = Observations()
+        other.moving = False
+        if frame is not None:
+            places = tuple(positions.get(name, now) for name, now in zip(self._index, frame.positions, strict=True))
+            still = (0.0,) * len(places)
+            state = replace(frame, positions=places, velocities=still)
+            other._present = _Present(*self._header(), decoded=True, state=state)
+        return other
+
+    def _header(self) -> tuple[bytes | None, int | None, int | None]:
+        present = self._present
+        return present.payload, present.sequence, present.wall_ns
 
     # The following methods are for Fleet only.
 

@@ -5,6 +5,7 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager, context
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, ClassVar, TypeVar
 
 import msgspec
@@ -14,10 +15,11 @@ from starlette.types import ASGIApp
 
 from linked_fleet_gateway.actions.action_handlers import Handler
 from linked_fleet_gateway.actions.admission import validate_action_body
-from linked_fleet_gateway.actions.execution import invoke
+from linked_fleet_gateway.actions.execution import invoke, rehearse
 from linked_fleet_gateway.actions.guards import MotionGuard, MotionPlanner
 from linked_fleet_gateway.actions.operations import Operation
 from linked_fleet_gateway.actions.plan import Caller, RobotTime
+from linked_fleet_gateway.actions.rehearsals import Rehearsal
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.base.settings import Section, SectionT, section
@@ -173,6 +175,30 @@ class Core:
     ) -> Invocation:
         """Invoke an action by the JSON form of its input, as ``invoke`` does."""
         return await self.invoke(offer, base, caller, _statements(offer, base, given), moment)
+
+    async def rehearse(
+        self,
+        offer: Offer,
+        base: str,
+        caller: Caller,
+        statements: Sequence[Triple] = (),
+        assumed: Mapping[str, Robot] = MappingProxyType({}),
+    ) -> Rehearsal:
+        """Return what ``invoke`` would do. ``assumed`` are robots that stand elsewhere by then, by name
+        (``Robot.standing_at``). Raises FleetError.
+        """
+        return await rehearse(self.actions, offer, base, caller, statements, assumed)
+
+    async def rehearse_json(
+        self,
+        offer: Offer,
+        base: str,
+        caller: Caller,
+        given: Json,
+        assumed: Mapping[str, Robot] = MappingProxyType({}),
+    ) -> Rehearsal:
+        """Return what ``invoke_json`` would do, as ``rehearse`` does."""
+        return await self.rehearse(offer, base, caller, _statements(offer, base, given), assumed)
 
     def silence_s(self, invocation: Invocation) -> float:
         """Return how long the gateway of an operation has not reported on it, in seconds."""

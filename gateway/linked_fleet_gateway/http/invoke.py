@@ -18,7 +18,8 @@ from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.execution import carry_out, empty_body, make_plan
 from linked_fleet_gateway.actions.operations import Operation
 from linked_fleet_gateway.actions.plan import Caller, Halt, Motion, RobotTime, robot_time
-from linked_fleet_gateway.actions.service import Actions, Rehearsal
+from linked_fleet_gateway.actions.rehearsals import Rehearsal
+from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.base.errors import (
     AgentTimeout,
     BadRequest,
@@ -226,7 +227,7 @@ async def _halt(request: Request, offer: Offer) -> Response:
     stops = request.caller.view_for(Right.STOP)
     asking = Caller(request.caller_name, stoppable_robots=stops, visible_robots=request.caller.visible_robots)
     if prefer.dry_run:
-        return _rehearsal(request, offer, plan, await _rehearse(actions, offer, plan, asking))
+        return _rehearsal(request, offer, plan, await actions.rehearsals.of(offer, plan, asking))
     with _located(request.base):
         invocation = await carry_out(actions, offer, plan, asking)
     with suppress(NotAcceptable):
@@ -243,19 +244,9 @@ async def _carry_out(
         plan = await make_plan(actions, offer, request.base, admitted.body, moment)
     with _located(request.base):
         if prefer.dry_run:
-            return _rehearsal(request, offer, plan, await _rehearse(actions, offer, plan, asking))
+            return _rehearsal(request, offer, plan, await actions.rehearsals.of(offer, plan, asking))
         invocation = await carry_out(actions, offer, plan, asking)
     return await _answer(request, invocation, prefer)
-
-
-async def _rehearse(actions: Actions, offer: Offer, plan: Motion | Halt | Operation, caller: Caller) -> Rehearsal:
-    if isinstance(plan, Motion):
-        return await actions.rehearse(plan, caller)
-    if isinstance(plan, Halt):
-        return await actions.rehearse_halt(plan, caller.stoppable_robots)
-    if not offer.is_stop:
-        await actions.operations.check(offer.robot, caller)
-    return Rehearsal(await plan.takes_s(caller), ())
 
 
 @contextmanager
@@ -311,6 +302,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, 
             rehearsed.closest,
             rehearsed.plan,
             rehearsed.things,
+            rehearsed.describe,
         )
 
     def plain() -> bytes:

@@ -4,7 +4,7 @@ Invocations are PROV-O activities with state, progress, target and result (paper
 """
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 
@@ -121,6 +121,7 @@ def describe_rehearsal(
     closest: Iterable[Closest] = (),
     plan: KeptPlan | None = None,
     things: Iterable[tuple[NamedNode, str]] = (),
+    describe: Callable[[Graph, Node], None] | None = None,
 ) -> None:
     """Describe the effect that the action would have, for the preference ``dry-run``.
 
@@ -128,7 +129,7 @@ def describe_rehearsal(
     ``unchecked``: the links that they did not cover. ``limited``: why they reduce its speed.
     ``path`` is a path that was planned, and ``detour`` why it is not the direct one. ``closest``: where it comes
     closest to something. ``plan`` is kept for a request of this very motion. ``things`` are what the
-    findings depend on, by predicate and path.
+    findings depend on, by predicate and path. ``describe`` adds what an operation says about its rehearsal.
     """
     iri = graph.blank(LF.Rehearsal)
     graph.add(iri, DCTERMS.title, Literal(f"Rehearsal of {action}; nothing has moved"))
@@ -148,6 +149,8 @@ def describe_rehearsal(
     describe_unchecked(graph, iri, base, unchecked)
     for near in closest:
         _describe_closest(graph, iri, base, near)
+    if describe is not None:
+        describe(graph, iri)
     graph.add(iri, LF.preempts, *(NamedNode(base + invocation_path(each)) for each in preempts))
     if robot is not None:
         describe_positions(graph, iri, LF.target, base, robot, targets)

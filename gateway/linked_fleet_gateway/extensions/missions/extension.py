@@ -41,6 +41,7 @@ from linked_fleet_gateway.extensions.missions.parameters import read_values, run
 from linked_fleet_gateway.extensions.missions.progress import confirmed, retried, skipped
 from linked_fleet_gateway.extensions.missions.reading import form, read_mission
 from linked_fleet_gateway.extensions.missions.record import OVER, Run
+from linked_fleet_gateway.extensions.missions.rehearsing import Rehearsing
 from linked_fleet_gateway.extensions.missions.runs import Change, Runs
 from linked_fleet_gateway.extensions.missions.steps import Steps
 from linked_fleet_gateway.extensions.missions.targets import Targets, creator_of
@@ -48,6 +49,7 @@ from linked_fleet_gateway.extensions.missions.terms import LF
 from linked_fleet_gateway.extensions.missions.values import Value
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.faces import Identity, Offer, Tree, View
+from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.serving import Caller
 
 HERE = Path(__file__).parent
@@ -152,7 +154,13 @@ def _run(targets: Targets, engine: Engine, core: Core, mission: Mission, request
         record = Run(mission, path, base, values, creator_of(caller), time.time_ns(), robots)
         await engine.begin(call, record)
 
-    return Operation(run, rehearse=rehearse, resumes=True)
+    async def dry_run(caller: Caller) -> tuple[float, Callable[[Graph, Node], None]]:
+        await rehearse(caller)
+        tree = core.live.tree(base, caller.visible_robots)
+        rehearsing = Rehearsing(core, targets, base, tree, caller)
+        return await rehearsing.mission(mission, typed), rehearsing.describe
+
+    return Operation(run, rehearse=rehearse, resumes=True, dry_run=dry_run)
 
 
 # -- runs -------------------------------------------------------------------------------------------------------------

@@ -42,16 +42,17 @@ class Targets:
     def offer(self, step: Invoke, values: Values, base: str, tree: Tree, caller: Identity) -> Offer:
         """Return the action of a step. Raises UnprocessableContent if there is none, InsufficientScope."""
         if step.action:
-            return find_action(tree, self._path(step.action, base), caller)
+            return find_action(tree, self.path(step.action, base), caller)
         iri = str(values[step.of.variable][0]) if isinstance(step.of, Variable) else step.of
-        thing = self._path(iri, base)
+        thing = self.path(iri, base)
         found = [each for each in self._actions_of(thing) if each.definition.iri.value == step.kind]
         if not found:
             kind = step.kind.rpartition("#")[2]
             raise UnprocessableContent(f"{thing[:200]} has no action of the kind {kind[:100]}.")
         return find_action(tree, found[0].path, caller)
 
-    def _path(self, iri: str, base: str) -> str:
+    def path(self, iri: str, base: str) -> str:
+        """Return the path of a resource of this fleet. Raises UnprocessableContent for another IRI."""
         path = path_in_fleet(iri, (base, *self.core.public_urls))
         if path is None:
             raise UnprocessableContent(f"{iri[:200]} is no resource of this fleet, whose IRIs begin with {base}/.")

@@ -8,8 +8,8 @@ LF = RULES.extended(
     " RunMission Parameter InvokeStep SequenceStep ParallelStep FirstOfStep RepeatStep WaitStep ConfirmStep NotifyStep"
     " StepRun missions missionRuns parameter parameterType minimum maximum default option step steps kind actsOn"
     " anySuffices times seconds until within text holds mission stepRun stepPath attempt note confirmed"
-    " PauseRun ResumeRun RetryStep SkipStep AnswerStep paused blocked ending skipped starting"
-    " number wholeNumber truth textValue thing"
+    " StepRehearsal stepRehearsal PauseRun ResumeRun RetryStep SkipStep AnswerStep paused blocked ending skipped"
+    " starting number wholeNumber truth textValue thing"
 )
 JSON = RDF.iri + "JSON"
 """The datatype of bodies in plain JSON (JSON-LD 1.1, 10.2)."""

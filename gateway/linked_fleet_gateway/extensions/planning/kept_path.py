@@ -31,7 +31,9 @@ def tolerance_of(robot: Robot, joint: str) -> float:
 
 
 def moving_joint(live: Live, motion: Motion, own_id: str) -> str | None:
-    """Return a joint of a motion that another motion moves, if there is one."""
+    """Return a joint of a motion that another motion moves now, if there is one and it begins from here."""
+    if motion.robot.name in motion.assumed:
+        return None
     for each in live.invocations.open_of_robot(motion.robot.name):
         moving = each.targets.keys() & motion.targets.keys() if each.id != own_id else ()
         if moving:

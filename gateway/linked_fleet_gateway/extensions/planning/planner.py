@@ -39,7 +39,6 @@ from linked_fleet_gateway.extensions.planning.terms import LF
 from linked_fleet_gateway.extensions.planning.waiting import MOST_WAIT_S, Waits, standing
 from linked_fleet_gateway.extensions.reach.extension import prepare_search
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
-from linked_fleet_gateway.extensions.world.course import speed_of
 from linked_fleet_gateway.extensions.world.messages import Answer, Check, Positions
 from linked_fleet_gateway.extensions.world.nearby import EARLY_S
 from linked_fleet_gateway.extensions.world.placement import has_placement
@@ -48,6 +47,7 @@ from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.fleet.kept_plan import KeptPlan
 from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import JointKind
+from linked_fleet_gateway.fleet.pace import speed_of
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.serving import Caller, MotionPlanner, NoReply, Paths
 
@@ -164,7 +164,7 @@ class Planner(MotionPlanner):
         with self._process.in_use():
             if (why := await self._nearby.prepare(self._nearby.around(robot, sees))) is not None:
                 raise Unchecked(why)
-            robots = self._nearby.prepared_around(robot, sees)
+            robots = motion.among(self._nearby.prepared_around(robot, sees))
             self._check_still(motion, own_id)
             around = self._questions.about(motion, robots, sees, own_id)
             asked = self._question(motion, around, search)

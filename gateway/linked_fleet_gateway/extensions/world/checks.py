@@ -187,7 +187,7 @@ class Checks:
 
     async def _check(self, motion: Motion, sees: View, own: str) -> Finding:
         # Nothing is awaited between the next two steps, so that no robot that has come meanwhile is left out.
-        robots = self._nearby.prepared_around(motion.robot, sees)
+        robots = motion.among(self._nearby.prepared_around(motion.robot, sees))
         if isinstance(act := motion.motion, Act) and act.drive is not None:
             return await self._check_drive(motion.robot, act.drive, robots, sees, own)
         if own and isinstance(act, Act) and act.path is not None:

@@ -12,26 +12,17 @@ from itertools import accumulate, pairwise
 
 from msgspec.structs import replace
 
-from linked_fleet_agent.urdf.cruise import RAMP_S, SPEED_SHARE, cruise_of
-from linked_fleet_agent.urdf.facts import JointFacts
+from linked_fleet_agent.urdf.cruise import RAMP_S
 from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.extensions.world.messages import PathSegment, Positions
 from linked_fleet_gateway.extensions.world.other_motions import CONFIGURATION_STEP, MOST_CONFIGURATIONS
 from linked_fleet_gateway.extensions.world.segments import interpolate, lasts_s, share_at
-from linked_fleet_gateway.fleet.model import JointKind
+from linked_fleet_gateway.fleet.pace import duration_s
 from linked_fleet_gateway.fleet.robot import Robot
 
 _RAMP_STEPS = 8
 _STEPS = 64
 """Places of a course that are compared with a measured one, and segments of the rest of a course."""
-
-
-def speed_of(robot: Robot, name: str, scale: float, most: float = math.inf) -> float:
-    """Return the speed that the agent lets a joint reach at a share of it, if ``most`` was asked for."""
-    assert robot.model is not None
-    joint = robot.model.joints[name]
-    linear = joint.kind is JointKind.PRISMATIC
-    return min(cruise_of(JointFacts(name, linear, joint.limits)), SPEED_SHARE * most) * scale
 
 
 @dataclass(frozen=True)
@@ -120,19 +111,9 @@ def course_of(
     """Return the course of a motion from rest on its ``legs``; None if it moves nothing."""
     own = {name: start[name] for name in legs[-1].ends}
     if isinstance(motion, Move):
-        timing = _timing(_duration_s(robot, motion, scale, own))
+        timing = _timing(duration_s(robot, motion, scale, own))
         legs = (replace(legs[0], timing=timing),) if timing else ()
     return Course(own, legs) if legs else None
-
-
-def _duration_s(robot: Robot, move: Move, scale: float, start: Positions) -> float:
-    """Return how long the slowest joint takes."""
-    found = 0.0
-    for name, end in move.targets.items():
-        way, speed = abs(end - start[name]), speed_of(robot, name, scale, move.speeds.get(name, math.inf))
-        ramps = 2.0 * math.sqrt(way * RAMP_S / speed)
-        found = max(found, way / speed + RAMP_S if way >= speed * RAMP_S else ramps)
-    return found
 
 
 def evenly(duration_s: float) -> tuple[tuple[float, float], ...]:

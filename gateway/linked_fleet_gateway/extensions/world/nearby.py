@@ -89,7 +89,7 @@ class Surroundings:
     def prepared(self, robot: Robot, robots: list[Robot], sees: View) -> list[Robot]:
         """Return these robots. Raises Unchecked if one of them is not prepared."""
         for each in robots:
-            if (why := self._preparation.unprepared_reason(each, beside=each is not robot)) is not None:
+            if (why := self._preparation.unprepared_reason(each, beside=each.name != robot.name)) is not None:
                 seen = sees.includes(each.name)
                 name, why = (each.name, why) if seen else ("another robot", "ask again")
                 raise Unchecked(f"The shape of {name} is not known yet: {why}.")

@@ -148,10 +148,19 @@ function rehearsed(form, graph, full = true) {
   if (near) lines.push(near.text);
   for (const { value } of facts.get(lf("preempts")) ?? []) lines.push(`it would end ${localName(value)}`);
   for (const { value } of facts.get(lf("unchecked")) ?? []) lines.push(uncheckedLink(graph, `_:${value}`));
+  lines.push(...stepsOf(graph, facts.get(lf("stepRehearsal")) ?? []));
   const path = pathControls(graph);
   answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines), ...(path ? [path] : []));
   contact(near?.point, false);
   form.dispatchEvent(new CustomEvent("rehearsed", { bubbles: true, detail: graph }));
+}
+
+/** Return how many steps of a mission are rehearsed, and why others are not. */
+function stepsOf(graph, nodes) {
+  const of = ({ value }, term) => graph.value(`_:${value}`, term)?.value;
+  const left = nodes.filter((each) => of(each, lf("reason")) !== undefined);
+  const said = left.map((each) => `${of(each, TITLE) ?? of(each, lf("stepPath"))}: ${of(each, lf("reason"))}`);
+  return nodes.length ? [`${nodes.length - left.length} of ${nodes.length} steps are rehearsed`, ...said] : [];
 }
 
 /** Return where a motion comes closest to something, in words and as a point in the world. */
