@@ -13,7 +13,7 @@ from linked_fleet_agent.wire.messages import Progress
 from linked_fleet_gateway.actions.refusals import translate_store_errors
 from linked_fleet_gateway.actions.stop_delivery import StopDelivery
 from linked_fleet_gateway.actions.store import ActionStore, News
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_gateway.base.errors import Controlled, RedisUnavailable
 from linked_fleet_gateway.fleet.invocation import Lease, Priority
 from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.fleet.robot import Robot
@@ -211,17 +211,29 @@ class ReplicatedInvocations:
     # -- leases and settings ----------------------------------------------------------------------------------------
 
     async def take_lease(
-        self, robot: Robot, holder: str, duration_s: float, token: str, priority: Priority | None
+        self, robot: Robot, holder: str, duration_s: float, token: str, priority: Priority | None, *, own: str = ""
     ) -> tuple[Lease, str]:
-        """Take or renew control of a robot. Return the lease and its secret token.
+        """Take or renew control of a robot. Return the lease and its secret token; ``own`` is that of a new lease.
 
         Raises Controlled, RedisUnavailable.
         """
         read_at_s = time.monotonic()
         with translate_store_errors():
-            lease, proof = await self._store.take_lease(robot.name, holder, duration_s, token, priority)
+            lease, proof = await self._store.take_lease(robot.name, holder, duration_s, token, priority, own=own)
         self.update_lease(robot.name, lease, read_at_s)
         return lease, proof
+
+    async def has_lease(self, robot: Robot, token: str) -> bool:
+        """Return True if the lease of a robot is held by this token. Raises RedisUnavailable."""
+        with translate_store_errors():
+            if await self._store.read_lease(robot.name) is None:
+                return False
+        try:
+            with translate_store_errors():
+                await self._store.check_lease(robot.name, token)
+        except Controlled:
+            return False
+        return True
 
     async def release_lease(self, robot: Robot, token: str) -> bool:
         """Release control. Return False if nobody has it. Raises Controlled, RedisUnavailable."""

@@ -201,15 +201,16 @@ class ActionStore:
     # Leases
 
     async def take_lease(
-        self, robot: str, holder: str, duration_s: float, token: str = "", priority: Priority | None = None
-    ) -> tuple[Lease, str]:
+        self, robot: str, holder: str, duration_s: float, token: str = "", priority: Priority | None = None,
+        *, own: str = "",
+    ) -> tuple[Lease, str]:  # fmt: skip
         """Take the lease of a robot, or renew it with its token. Return the lease and its token.
 
-        A free lease is taken with a new token, whatever token was given, and so is a program's with the ``priority`` of
-        a person. Raises LeaseHeld. After RedisUnavailable a
+        A free lease is taken with a new token, or with the token ``own`` of gateways, whatever token was given, and so
+        is a program's with the ``priority`` of a person. Raises LeaseHeld. After RedisUnavailable a
         lease may exist whose token nobody knows, until it expires.
         """
-        id, new_token = str(uuid.uuid4()), uuid.uuid4().urn
+        id, new_token = str(uuid.uuid4()), own or uuid.uuid4().urn
         arguments = (_secret(token), id, _secret(new_token), holder, _ms(duration_s), priority or "")
         answer = await self._redis.run_script(scripts.TAKE, (self._keys.lease(robot),), *arguments)
         lease = _lease(robot, _granted(robot, answer)[1:])
@@ -381,6 +382,11 @@ def _secret(token: str) -> str:
 
 
 _KEPT = "kept:"  # no client can send it: tokens are URNs
+
+
+def own_token() -> str:
+    """Return the token of a lease that gateways take for themselves."""
+    return kept_token(uuid.uuid4().urn)
 
 
 def kept_token(token: str) -> str:

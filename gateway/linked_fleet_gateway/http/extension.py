@@ -21,6 +21,7 @@ from linked_fleet_gateway.actions.operations import Operation
 from linked_fleet_gateway.actions.plan import Caller, RobotTime
 from linked_fleet_gateway.actions.rehearsals import Rehearsal
 from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.actions.store import own_token
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.base.settings import Section, SectionT, section
 from linked_fleet_gateway.fleet.functions import FleetFunctions
@@ -234,6 +235,26 @@ class Core:
         if another gateway has changed the setting; its value is then known. Raises RedisUnavailable.
         """
         return await self.actions.lifecycle.replicated_state.change_setting(robot, name, value)
+
+    def control_token(self, token: str) -> str:
+        """Return the token with which an extension takes control of robots for a caller: the caller's, if it has one.
+
+        No client can use another one.
+        """
+        return token or own_token()
+
+    async def take_control(self, robot: Robot, holder: str, duration_s: float, token: str) -> None:
+        """Take the control lease of a robot, or renew it; ``holder`` is shown. Raises Controlled, RedisUnavailable."""
+        shared = self.actions.lifecycle.replicated_state
+        await shared.take_lease(robot, holder, duration_s, token, None, own=token)
+
+    async def has_control(self, robot: Robot, token: str) -> bool:
+        """Return True if the control lease of a robot is held by this token. Raises RedisUnavailable."""
+        return await self.actions.lifecycle.replicated_state.has_lease(robot, token)
+
+    async def release_control(self, robot: Robot, token: str) -> None:
+        """Release the control lease of a robot, if somebody has it. Raises Controlled, RedisUnavailable."""
+        await self.actions.lifecycle.replicated_state.release_lease(robot, token)
 
     def running(self, action: str) -> list[Invocation]:
         """Return the invocations of the action at a path that have not ended, at whichever gateway, newest first."""

@@ -24,6 +24,7 @@ from linked_fleet_gateway.api import (
     cancel_tasks,
     supervised,
 )
+from linked_fleet_gateway.extensions.missions.control import Control
 from linked_fleet_gateway.extensions.missions.mission import Wait, step_at
 from linked_fleet_gateway.extensions.missions.progress import ending, progress_of, settle
 from linked_fleet_gateway.extensions.missions.record import ENDED, OVER, Phase, Run
@@ -53,6 +54,7 @@ class Engine:
 
     def __init__(self, core: Core, runs: Runs, steps: Steps) -> None:
         self._core, self._runs, self._steps = core, runs, steps
+        self._control = Control(core)
         self._drivers: dict[str, asyncio.Task[None]] = {}
         self._ending: set[asyncio.Task[None]] = set()
         self._looking: list[asyncio.Task[None]] = []
@@ -74,7 +76,8 @@ class Engine:
     # -- what people ask for ----------------------------------------------------------------------------------------
 
     async def begin(self, call: Call, run: Run) -> None:
-        """Carry out a new run, until it is over, as the operation ``call``. Raises MissionFailedError."""
+        """Carry out a new run, until it is over, as the operation ``call``. Raises Controlled, MissionFailedError."""
+        run = await self._control.take(call.id, run)
         if not await self._runs.replace(call.id, replace(run, owner=self._core.run)):
             raise Conflict("The run has begun already.")
         call.accept()
@@ -192,6 +195,7 @@ class Engine:
             if not await self._runs.replace(id, settled):
                 return 0.0
             call.report(progress_of(settled), _said(settled))
+        await self._control.keep(id, settled)
         if settled.phase in OVER:
             return None
         if settled.phase != "ending" and id not in self._runs.stopped:

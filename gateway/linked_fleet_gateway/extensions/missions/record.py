@@ -44,7 +44,8 @@ class Run(Struct, frozen=True, omit_defaults=True):
 
     ``mission`` is the mission as it was when the run began. ``values`` are the parameters as JSON values. ``steps`` are
     by path (``mission.step_at``), ``rounds`` are the completed rounds of repeating steps. ``owner`` is the run of the
-    gateway that carries it out, or empty. ``robots`` are those that its actions may move.
+    gateway that carries it out, or empty. ``robots`` are those that its actions may move; ``token`` proves control of
+    them, and ``controls`` are those whose lease is the run's own.
     """
 
     mission: Mission
@@ -54,6 +55,8 @@ class Run(Struct, frozen=True, omit_defaults=True):
     creator: Creator
     began_ns: int
     robots: tuple[str, ...] = ()
+    token: str = ""
+    controls: tuple[str, ...] = ()
     owner: str = ""
     phase: Phase = "running"
     reason: str = ""

@@ -150,7 +150,7 @@ class Targets:
         said = repr((step.triples, step.body, sorted(values.items())))
         caller = Caller(
             run.creator.client,
-            lease_token=run.creator.lease_token,
+            lease_token=run.token or run.creator.lease_token,
             # The key cannot equal a client's key, whose characters are all visible.
             idempotency_key=f"\x1fmission {id} {path} {attempt}",
             request_digest=blake2b(said.encode(), digest_size=16).hexdigest(),

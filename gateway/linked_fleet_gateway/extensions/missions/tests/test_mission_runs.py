@@ -113,6 +113,11 @@ class Run:
         return http.post(url) if body is None else http.post(url, json=body)
 
 
+def holder_of(gateway: Gateway, lease: str) -> str:
+    """Return who has a lease; empty if nobody has it."""
+    return "".join(map(str, gateway.browser.page(lease).graph.objects(None, LF.holder)))
+
+
 @pytest.fixture
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
     with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre, contextlib.ExitStack() as stack:
@@ -331,9 +336,57 @@ def test_a_lease_of_its_client_counts_for_the_steps(scene: Scene) -> None:
     mission = scene.mission(scene.rotate("wrist_3_joint", 0.2))
     run = scene.run(mission, **{"lock-token": token})
     run.ends("succeeded")
+    refused = scene.one.browser.http.post(f"{mission}/actions/run")
+    assert (refused.status_code, refused.json()["holder"]) == (409, "me"), refused.text
+    assert holder_of(scene.one, lease) == "me", "the lease of the client is not the run's"
+
+
+def test_a_run_has_control_of_its_robots_until_it_is_over(scene: Scene) -> None:
+    http, root = scene.one.browser.http, scene.one.browser.root
+    lease = str(scene.one.browser.robot("ur5").one(LF.lease))
+    mission = scene.mission({"type": "wait", "seconds": 20}, scene.rotate("wrist_3_joint", 0.2))
     run = scene.run(mission)
+
+    def holder() -> str:
+        return holder_of(scene.one, lease)
+
+    assert holder().startswith("mission a mission, run by ")
+    for refused in (http.post(f"{mission}/actions/run"), http.post(f"{root}ur5/wrist_1_joint/actions/rotate",
+                    json={"value": 0.1, "unit": RAD})):  # fmt: skip
+        assert (refused.status_code, refused.json()["type"].rpartition("#")[2]) == (409, "controlled")
+        assert refused.json()["holder"].startswith("mission a mission")
+    assert run.do("pause").status_code == 204
+    eventually(lambda: holder() == "", "a run that is paused leaves its robots to others")
+    answer = put(scene.one.browser, lease, control("me", 60))
+    assert run.do("resume").status_code == 204
     run.ends("failed")
-    assert "control" in run.reason()
+    assert "me" in run.reason()
+    fields = {"lock-token": answer.headers["lock-token"]}
+    assert http.delete(lease, headers=fields).status_code == 204
+    run = scene.run(scene.mission(scene.rotate("wrist_3_joint", 0.3)))
+    run.ends("succeeded")
+    eventually(lambda: holder() == "", "a run that is over releases its robots")
+
+
+def test_the_lease_of_a_run_lasts_and_goes_over_to_another_gateway(scene: Scene) -> None:
+    lease = str(scene.one.browser.robot("ur5").one(LF.lease))
+    mission = scene.mission({"type": "wait", "seconds": 200}, scene.rotate("wrist_3_joint", 0.2))
+    run = scene.run(mission)
+    scene.one.process.send(signal.SIGKILL)
+    at = scene.other.here(lease)
+    eventually(lambda: holder_of(scene.other, at), "the lease at the other gateway")
+    begun_s = time.monotonic()
+    while time.monotonic() < begun_s + 180:
+        assert holder_of(scene.other, at), time.monotonic() - begun_s
+        time.sleep(5)
+    run.ends("succeeded", scene.other)
+    eventually(lambda: not holder_of(scene.other, at), "it is released")
+
+
+def test_a_mission_in_a_mission_uses_the_lease_of_the_outer_run(scene: Scene) -> None:
+    inner = scene.mission(scene.rotate("wrist_3_joint", 0.2))
+    outer = scene.mission({"type": "invoke", "action": inner + "/actions/run"}, scene.rotate("wrist_3_joint", 0.0))
+    scene.run(outer).ends("succeeded")
 
 
 def test_a_mission_is_changed_by_a_patch(scene: Scene) -> None:

@@ -32,6 +32,11 @@ def mission(browser: Browser, robot: str, *before: dict[str, object]) -> httpx.R
     return browser.http.post(browser.root + "missions", json={"title": "turn", "step": step})
 
 
+def succeeds(browser: Browser, run: str) -> None:
+    """Wait for the end of a run, which then has no control of its robot any more."""
+    eventually(lambda: browser.page(run).one(LF.state) == LF.succeeded, lambda: browser.page(run).response.text)
+
+
 def test_writing_takes_the_right_to_each_action(here: AuthenticatedGateway) -> None:
     with here.browsing("reader") as reader, here.browsing("writer") as writer:
         assert mission(reader, SEEN).status_code == 403
@@ -53,6 +58,7 @@ def test_missions_and_runs_are_hidden_with_their_robots(here: AuthenticatedGatew
             page = hall.page(hall.root + container)
             assert not list(page.graph.objects(None, LDP.contains))
             assert SEEN not in page.response.text
+        succeeds(both, run)
 
 
 def test_changing_a_run_takes_the_right_to_its_robots(here: AuthenticatedGateway) -> None:
@@ -64,6 +70,7 @@ def test_changing_a_run_takes_the_right_to_its_robots(here: AuthenticatedGateway
         answer = {"step": "0.0", "confirmed": True}
         assert seer.http.post(run + "/actions/confirm", json=answer).status_code == 403
         assert both.http.post(run + "/actions/confirm", json=answer).status_code == 204
+        succeeds(both, run)
 
 
 def test_a_right_that_has_ended_ends_the_run(here: AuthenticatedGateway) -> None:
