@@ -429,6 +429,7 @@ class Agent:
             return Accepted(stop.id, braking_s, cancelled, now_ns)
         if stop.command:
             self._stops.cancel(stop.command)
+            self._report.repeat_end(stop.command)
         else:
             self._stops.record(joints if stop.joints else (*joints, BASE), now_ns)
         reason = stop.reason or "stopped"

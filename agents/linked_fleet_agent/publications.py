@@ -191,7 +191,8 @@ class Report:
 
     def __init__(self, incarnation: int) -> None:
         self._incarnation = incarnation
-        self._ends: deque[tuple[int, bytes]] = deque()
+        self._ends: deque[tuple[int, str, bytes]] = deque()
+        self._asked: list[str] = []
         self._kept_bytes = 0
         self._arrivals = 0
         self._due_ns = 0
@@ -216,27 +217,32 @@ class Report:
         )
         payload = codec.encode(progress)
         if outcome.state != "running":
-            self._keep(now_ns, payload)
+            self._keep(now_ns, outcome.command_id, payload)
         return payload
 
-    def _keep(self, now_ns: int, payload: bytes) -> None:
+    def _keep(self, now_ns: int, id: str, payload: bytes) -> None:
         self._kept_bytes += len(payload)
         while self._ends and (len(self._ends) >= MAX_KEPT or self._kept_bytes > MAX_KEPT_BYTES):
-            self._kept_bytes -= len(self._ends.popleft()[1])
-        self._ends.append((now_ns, payload))
+            self._kept_bytes -= len(self._ends.popleft()[2])
+        self._ends.append((now_ns, id, payload))
 
     def repeat(self, arrivals: int, now_ns: int) -> list[bytes]:
-        """Return the recent ends: at once if a gateway has arrived, and again a second later.
+        """Return the recent ends: at once if a gateway has arrived, and again a second later; and those asked for.
 
         Running motions are due then too.
         """
+        asked, self._asked = self._asked, []
         if arrivals != self._arrivals:
             self._arrivals, self._due_ns, self._again_ns = arrivals, now_ns, now_ns + AGAIN_NS
         elif self._again_ns is None or now_ns < self._again_ns:
-            return []
+            return [payload for _, id, payload in self._ends if id in asked]
         else:
             self._again_ns = None
-        return [payload for ended_ns, payload in self._ends if now_ns - ended_ns <= KEPT_NS]
+        return [payload for ended_ns, _, payload in self._ends if now_ns - ended_ns <= KEPT_NS]
+
+    def repeat_end(self, id: str) -> None:
+        """Repeat the end of a command soon, if it is known: a gateway has asked for it."""
+        self._asked = [*self._asked, id][-MAX_KEPT:]
 
     def repeat_later(self, now_ns: int) -> None:
         """Schedule a repetition of the recent ends, because a connection that is being renewed may lose them."""

@@ -31,5 +31,15 @@ def test_ends_are_told_when_a_gateway_arrives_and_once_more() -> None:
     assert ids(told.repeat(2, NOW_NS + 2 * AGAIN_NS)) == ["done"]
 
 
+def test_an_end_is_told_again_when_a_gateway_asks_for_it() -> None:
+    told = report()
+    for id in ("done", "going", "never"):
+        told.repeat_end(id)
+    assert ids(told.repeat(0, NOW_NS)) == ["done"]
+    assert told.repeat(0, NOW_NS) == []
+    told.repeat_end("done")
+    assert ids(told.repeat(1, NOW_NS)) == ["done"], "once, although a gateway has arrived as well"
+
+
 def test_old_ends_are_not_repeated() -> None:
     assert report().repeat(1, NOW_NS + KEPT_NS + 1) == []

@@ -7,7 +7,7 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import Awaitable, Callable, Iterable
+from collections.abc import Awaitable, Callable, Coroutine, Iterable
 from types import TracebackType
 from typing import Self
 
@@ -17,7 +17,7 @@ from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvoca
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.base.errors import AgentTimeout, Conflict
-from linked_fleet_gateway.fleet.invocation import has_ended, reported_state
+from linked_fleet_gateway.fleet.invocation import NOT_BEGUN, has_ended, reported_state
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
@@ -89,6 +89,8 @@ class Lifecycle:
         self.command_metrics = CommandMetrics()
         self._tasks: list[asyncio.Task[None]] = []
         self._judging: set[asyncio.Task[None]] = set()
+        self._asked: set[str] = set()
+        """The late invocations whose agents are being asked."""
         live.on_progress, live.on_lost = self._progressed, self._lost
         # Set by whoever carries out operations: cancels one, and returns whether it has ended.
         self.cancel_operation: Callable[[Invocation, str], Awaitable[bool]] = _cancel_nothing
@@ -207,9 +209,7 @@ class Lifecycle:
         if invocation is None or invocation.is_final:
             return
         if stop.command:
-            task = asyncio.create_task(self._judge_stop(invocation, reply), name=f"stopped {invocation.id}")
-            self._judging.add(task)
-            task.add_done_callback(self._judging.discard)
+            self._judge(self._judge_stop(invocation, reply))
         elif invocation.robot == FLEET:
             if isinstance(reply, Accepted):
                 invocation.preempts += tuple(id for id in reply.preempts if id not in invocation.preempts)
@@ -219,6 +219,11 @@ class Lifecycle:
             self.record_refusal(invocation, reply)
         else:
             self.record_acceptance(invocation, reply)
+
+    def _judge(self, judging: Coroutine[None, None, None]) -> None:
+        task = asyncio.create_task(judging, name="judge a stop")
+        self._judging.add(task)
+        task.add_done_callback(self._judging.discard)
 
     def _settle(self, invocation: Invocation) -> None:
         self.replicated_state.store_end(invocation)
@@ -255,21 +260,23 @@ class Lifecycle:
         """Wait until the invocation has ended. Return False after ``timeout_s``."""
         return await self.waiters.wait_until(invocation, lambda one: one.state.terminal, timeout_s)
 
-    async def stop_motion(self, invocation: Invocation, reason: str) -> Reply | None:
+    async def stop_motion(self, invocation: Invocation, reason: str, refused: str = "") -> Reply | None:
         """Stop the motion of an invocation. Return the agent's reply, if any.
 
-        An agent that does not know the motion will never start it; an end that has just happened is reported.
+        An agent that does not know the motion will never start it, which is kept as ``refused``; an end that has
+        happened is reported.
         """
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
         reply = (await self.stops.send((invocation.robot,), stop)).get(invocation.robot)
         self.command_metrics.count_reply(invocation.robot, reply)
-        await self._judge_stop(invocation, reply)
+        await self._judge_stop(invocation, reply, refused)
         return reply
 
-    async def _judge_stop(self, invocation: Invocation, reply: Reply | None) -> None:
+    async def _judge_stop(self, invocation: Invocation, reply: Reply | None, refused: str = "") -> None:
         """Fail a motion whose agent has accepted its stop and does not know it."""
         unknown = isinstance(reply, Accepted) and invocation.id not in reply.preempts
         if unknown and invocation.stops is None and not await self._ended(invocation, _FINAL_PROGRESS_S):
+            invocation.refused = refused
             self.fail(invocation, "the agent knows no such motion")
 
     # -- reports ----------------------------------------------------------------------------------------------------
@@ -308,11 +315,40 @@ class Lifecycle:
             for invocation in invocations.fail_earlier_runs(robot.name, robot.incarnation or 0, now_ns):
                 self._settle(invocation)
         for invocation in sorted(invocations.overdue(now_ns), key=self.replicated_state.is_own, reverse=True):
-            if await self.replicated_state.is_late(invocation):
-                invocations.expire(invocation, now_ns)
-                if self.stops.is_owed(invocation.robot, invocation.id):
-                    invocation.reason += f"; {_OWED}"
-                self._settle(invocation)
+            if await self.replicated_state.is_late(invocation) and invocation.id not in self._asked:
+                if _may_not_have_begun(invocation) and self._is_online(invocation.robot):
+                    self._judge(self._ask(invocation))
+                else:
+                    self._expire_one(invocation)
+
+    async def _ask(self, invocation: Invocation) -> None:
+        """Ask an agent what became of a command of whose acceptance no gateway knows: perhaps its gateway has died.
+
+        One that the agent does not know has not begun, and never will.
+        """
+        self._asked.add(invocation.id)
+        try:
+            await self.stop_motion(invocation, "nobody knows whether it had begun", NOT_BEGUN)
+        finally:
+            self._asked.discard(invocation.id)
+        if not invocation.state.terminal:
+            self._expire_one(invocation)
+
+    def _expire_one(self, invocation: Invocation) -> None:
+        self._live.invocations.expire(invocation, time.time_ns())
+        if self.stops.is_owed(invocation.robot, invocation.id):
+            invocation.reason += f"; {_OWED}"
+        self._settle(invocation)
+
+    def _is_online(self, robot: str) -> bool:
+        known = self._live.fleet.robots.get(robot)
+        return known is not None and known.online
+
+
+def _may_not_have_begun(invocation: Invocation) -> bool:
+    """Return True if an invocation is one of a robot that its agent may not know."""
+    is_command = not invocation.operation and invocation.robot != FLEET and invocation.stops is None
+    return is_command and not invocation.accepted
 
 
 def _patience_ns(operation: Invocation) -> int:

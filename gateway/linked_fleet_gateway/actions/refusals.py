@@ -26,6 +26,7 @@ from linked_fleet_gateway.base.errors import (
     TooManyInvocations,
 )
 from linked_fleet_gateway.base.errors import KeyReused as KeyReusedError
+from linked_fleet_gateway.fleet.invocation import NOT_BEGUN
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import invocation_path
@@ -50,7 +51,7 @@ def raise_first_refusal(robot: Robot | None, invocation: Invocation) -> None:
         return
     if (guarded := MotionRefused.type_for_code(invocation.refused)) is not None:
         raise guarded(f"The motion was not begun: {invocation.reason}.", reason=invocation.reason)
-    if invocation.refused:
+    if invocation.refused and invocation.refused != NOT_BEGUN:
         raise agent_refusal(robot, Refused(invocation.id, cast(RefusalCode, invocation.refused), invocation.reason))
     if not invocation.accepted and not invocation.state.terminal:
         raise agent_timeout(invocation, "not to the first request with this Idempotency-Key either")

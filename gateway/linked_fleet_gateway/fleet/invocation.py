@@ -57,6 +57,8 @@ TERMINAL = (
     InvocationState.PREEMPTED,
     InvocationState.FAILED,
 )
+NOT_BEGUN = "not-begun"
+"""Refusal code of a command that never reached its agent, which will not begin it any more."""
 ENDS = {**{state.value: state for state in TERMINAL}, "refused": InvocationState.FAILED}
 
 
@@ -70,12 +72,12 @@ class Invocation:
     invocations of the fleet it is the share of robots that have ended. ``facts`` are further numbers with the unit in
     their names (``residual_m``). ``preempts`` are the ids of the invocations that it ended, ``preempted_by`` is the one
     that ended it. ``stops`` are the joints that it stops, empty for all; None for a motion. ``incarnation`` is the run
-    of the agent, 0 for several. ``refused`` is the agent's refusal code. ``expired`` means that it failed because no
-    end was reported in time; a later report of the robot overrides this. ``unchecked`` are the links that the check of
-    the motion did not cover, each after its path. ``operation`` is True for an action that is no motion: a gateway
-    carries it out, with ``output`` (N-Triples about ``_:output``) as its result, until it ends or somebody asks to
-    cancel it, for the reason ``cancelling``. ``moves`` is what an action of a component moves, joints or ``base``; one
-    that ``resumes`` goes on when its agent ends, and the next run of the agent tells of it;
+    of the agent, 0 for several. ``refused`` is the agent's refusal code, or ``NOT_BEGUN``. ``expired`` means that it
+    failed because no end was reported in time; a later report of the robot overrides this. ``unchecked`` are the links
+    that the check of the motion did not cover, each after its path. ``operation`` is True for an action that is no
+    motion: a gateway carries it out, with ``output`` (N-Triples about ``_:output``) as its result, until it ends or
+    somebody asks to cancel it, for the reason ``cancelling``. ``moves`` is what an action of a component moves, joints
+    or ``base``; one that ``resumes`` goes on when its agent ends, and the next run of the agent tells of it;
     ``feedback`` is the last one that it gave and ``outcome`` its result, both in JSON. ``limited`` says why it is
     slower than asked for. ``stream`` counts the samples of one that was opened as a stream.
 

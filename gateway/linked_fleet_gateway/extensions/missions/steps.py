@@ -25,11 +25,13 @@ from linked_fleet_gateway.extensions.missions.record import ENDED, OVER, Run, St
 from linked_fleet_gateway.extensions.missions.runs import RETRY_S, Runs
 from linked_fleet_gateway.extensions.missions.targets import Targets
 from linked_fleet_gateway.faces import invocation_path
+from linked_fleet_gateway.fleet.invocation import NOT_BEGUN
 
 log = logging.getLogger(__name__)
 
 _STATES: dict[str, StepState] = {"succeeded": "succeeded", "cancelled": "cancelled", "unknown": "unknown"}
 _WAITS = ("waiting",)
+_MOST_ATTEMPTS = 5
 
 
 class Steps:
@@ -146,7 +148,10 @@ def _changed(run: Run, path: str, said: Callable[[StepRun], StepRun]) -> Run:
 
 
 def _after(each: StepRun, invocation: Invocation | None, now_ns: int) -> StepRun:
-    """Return a step after what is known of its invocation."""
+    """Return a step after what is known of its invocation.
+
+    One that never reached its robot, because a gateway died before, is taken again: that is still at most once.
+    """
     if invocation is None:
         return replace(each, state="unknown", reason="its invocation is no longer known")
     if invocation.state.terminal and invocation.expired:
@@ -154,6 +159,8 @@ def _after(each: StepRun, invocation: Invocation | None, now_ns: int) -> StepRun
     if not invocation.state.terminal:
         state: StepState = "unknown" if invocation.state == "unknown" else "running"
         return replace(each, state=state, reason=invocation.reason if state == "unknown" else "")
+    if invocation.refused == NOT_BEGUN and each.attempt < _MOST_ATTEMPTS:
+        return StepRun("starting", each.attempt + 1, began_ns=each.began_ns)
     state = _STATES.get(invocation.state.value, "failed")
     return replace(
         each, state=state, reason=invocation.reason, ended_ns=invocation.ended_ns or now_ns, result=invocation.outcome
