@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from functools import partial
 from typing import Protocol, TypeVar
 
-from linked_fleet_agent import safety
+from linked_fleet_agent import pace, safety
 from linked_fleet_agent.axis import Measurements
 from linked_fleet_agent.components.component import Component
 from linked_fleet_agent.components.declaration import Declared
@@ -19,7 +19,7 @@ from linked_fleet_agent.components.operating import Operating
 from linked_fleet_agent.demonstration import Demonstration
 from linked_fleet_agent.mesh_files import MeshFiles
 from linked_fleet_agent.motion import Motions, Outcome, Sway
-from linked_fleet_agent.pace import elapsed_ns, every
+from linked_fleet_agent.pace import every
 from linked_fleet_agent.plan import ImpossibleError, Plan, joints_of, plan
 from linked_fleet_agent.publications import Cameras, Conditions, Frames, Report, describe
 from linked_fleet_agent.robot import ComponentRobot, NewDescriptionError, Reading, Robot, SensingRobot, TrajectoryRobot
@@ -76,6 +76,7 @@ def new_incarnation() -> int:
 
 class Agent:
     """One robot. ``description`` and ``incarnation`` never change; everything runs on one event loop.
+    ``elapsed_ns`` goes on while the machine is suspended; without it ``monotonic_ns`` tells of pauses too, if given.
 
     Raises ValueError if a demonstration names a joint that takes no commands, DeclarationError and UrdfError for a
     description that gateways would refuse.
@@ -88,7 +89,8 @@ class Agent:
         *,
         rate_hz: float = 100.0,
         sways: Iterable[Sway] = (),
-        monotonic_ns: Callable[[], int] = lambda: time.monotonic_ns(),
+        monotonic_ns: Callable[[], int] | None = None,
+        elapsed_ns: Callable[[], int] | None = None,
         wall_ns: Callable[[], int] = lambda: time.time_ns(),
     ) -> None:
         self.name, self.rate_hz = name, rate_hz
@@ -115,7 +117,8 @@ class Agent:
         self._coupled = {name: group for group in self._facts.coupled for name in group}
         self._follower = robot if isinstance(robot, TrajectoryRobot) else None
         self.demonstration = Demonstration(name, self._motions)
-        self._monotonic_ns, self._wall_ns = monotonic_ns, wall_ns
+        self._monotonic_ns, self._wall_ns = monotonic_ns or (lambda: time.monotonic_ns()), wall_ns
+        self._elapsed_ns = elapsed_ns or monotonic_ns or pace.elapsed_ns
         self._seen, self._stops = safety.RecentIds(), safety.Stops()
         self._reading: Reading | None = None
         self._tick_ns: int | None = None
@@ -280,7 +283,7 @@ class Agent:
         This precedes everything else in each call from outside, because a command that waited for the end of the pause
         can come before the first tick.
         """
-        before_ns, now_ns = self._ran_ns, (self._monotonic_ns(), elapsed_ns())
+        before_ns, now_ns = self._ran_ns, (self._monotonic_ns(), self._elapsed_ns())
         self._ran_ns = now_ns
         if before_ns is None:
             return
