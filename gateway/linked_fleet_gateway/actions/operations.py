@@ -49,7 +49,8 @@ class Operation:
     and may take longer than ``run`` may before it accepts. ``dry_run``, if given, takes its place for a request that
     only rehearses, may take more time, and also returns a function that adds statements about the node of the
     rehearsal. An operation that ``resumes`` does not end with its gateway: its extension lets another gateway go on
-    with it (``Core.resume``).
+    with it (``Core.resume``). ``about`` are robots that an operation of the fleet tells of: its invocation is shown to
+    its client, and to those who may see all of them.
     """
 
     run: Callable[["Call"], Awaitable[None]]
@@ -57,6 +58,7 @@ class Operation:
     rehearse: Callable[[Caller], Awaitable[float]] | None = None
     resumes: bool = False
     dry_run: Callable[[Caller], Awaitable[tuple[float, Callable[[Graph, Node], None]]]] | None = None
+    about: tuple[str, ...] = ()
 
     async def takes_s(self, caller: Caller) -> float:
         """Return how long it would take. Raises the errors by which it would be refused."""
@@ -161,6 +163,7 @@ class Operations:
             body=caller.body,
             operation=True,
             resumes=operation.resumes,
+            about=operation.about,
         )
         if is_stop:
             self._lifecycle.register(invocation)

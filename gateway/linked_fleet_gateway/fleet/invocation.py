@@ -79,7 +79,8 @@ class Invocation:
     somebody asks to cancel it, for the reason ``cancelling``. ``moves`` is what an action of a component moves, joints
     or ``base``; one that ``resumes`` goes on when its agent ends, and the next run of the agent tells of it;
     ``feedback`` is the last one that it gave and ``outcome`` its result, both in JSON. ``limited`` says why it is
-    slower than asked for. ``stream`` counts the samples of one that was opened as a stream.
+    slower than asked for. ``stream`` counts the samples of one that was opened as a stream. ``about`` are robots that
+    an invocation of the fleet tells of: it is shown to its client, and to those who may see all of them.
 
     ``robots`` has the answer of each robot to an invocation of the fleet: a word, which is a state or ``refused``,
     optionally followed by details, as in ``failed: the joint is blocked``. Any other word means that the robot has not
@@ -121,6 +122,7 @@ class Invocation:
     limited: str = ""
     detour: str = ""
     stream: StreamCounts | None = None
+    about: tuple[str, ...] = ()
 
     @property
     def is_motion(self) -> bool:

@@ -75,5 +75,5 @@ class InvocationsInView:
         if invocation.robot != FLEET:
             return self._visible_robots.includes(invocation.robot)
         return invocation.client == self._visible_robots.name or all(
-            map(self._visible_robots.includes, invocation.robots)
+            map(self._visible_robots.includes, (*invocation.robots, *invocation.about))
         )

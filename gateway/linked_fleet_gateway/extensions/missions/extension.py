@@ -160,7 +160,8 @@ def _run(targets: Targets, engine: Engine, core: Core, mission: Mission, request
         rehearsing = Rehearsing(core, targets, base, tree, caller)
         return await rehearsing.mission(mission, typed), rehearsing.describe
 
-    return Operation(run, rehearse=rehearse, resumes=True, dry_run=dry_run)
+    about = targets.told_of(mission, values, base)
+    return Operation(run, rehearse=rehearse, resumes=True, dry_run=dry_run, about=about)
 
 
 # -- runs -------------------------------------------------------------------------------------------------------------

@@ -70,6 +70,12 @@ class Targets:
         paths = (path_in_fleet(each, self.core.public_urls) for each in _iris(mission))
         return frozenset(filter(None, (robot_of(each) for each in paths if each is not None))) - own
 
+    def told_of(self, mission: Mission, values: Mapping[str, Value], base: str) -> tuple[str, ...]:
+        """Return the robots that an invocation of a mission tells of: those that it names, and those in its values."""
+        paths = (each.removeprefix(base) for each in values.values() if isinstance(each, str) and each.startswith(base))
+        given = {robot for each in paths if (robot := robot_of(each)) in self.core.robots}
+        return tuple(sorted(filter(None, self.named_robots(mission) | given)))
+
     def check_nesting(self, path: str, mission: Mission) -> None:
         """Raise UnprocessableContent if a mission would run itself by its steps, or missions are nested too deep."""
         self._nested(mission, (path,))

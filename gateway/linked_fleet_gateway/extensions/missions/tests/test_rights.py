@@ -61,6 +61,16 @@ def test_missions_and_runs_are_hidden_with_their_robots(here: AuthenticatedGatew
         succeeds(both, run)
 
 
+def test_invocations_of_missions_are_hidden_in_queries_too(here: AuthenticatedGateway) -> None:
+    query = 'SELECT ?s ?o WHERE { ?s ?p ?o FILTER(CONTAINS(STR(?s), "/missions/")) }'
+    fields = {"content-type": "application/sparql-query"}
+    with here.browsing("hall") as hall, here.browsing("both") as both:
+        iri = mission(both, SEEN).headers["location"]
+        assert both.http.post(iri + "/actions/run").status_code == 204
+        assert iri in both.http.post(both.root + "query", content=query, headers=fields).text
+        assert iri not in hall.http.post(hall.root + "query", content=query, headers=fields).text
+
+
 def test_changing_a_run_takes_the_right_to_its_robots(here: AuthenticatedGateway) -> None:
     with here.browsing("both") as both, here.browsing("seer") as seer:
         iri = mission(both, SEEN, {"type": "confirm", "text": "now?"}).headers["location"]
