@@ -16,6 +16,7 @@ SHAPES = Path(__file__).parents[1] / "shapes" / "linked_fleet_shapes"
 NAMES = {name for each in BUILT_IN for name in (each.name, *each.at_root, *each.in_robot)}
 """The extensions, and the segments that are theirs."""
 WORDS = {
+    ("app/metrics.py", "faults"),  # a metric: faults of the gateway itself
     ("fleet/answers.py", "components"),  # a member of descriptions (PROTOCOL.md of the wire)
     ("identity/issuers.py", ".well-known"),  # OpenID Connect Discovery, 4
     ("resources/properties.py", "world"),  # the name of a frame of reference, as ROS has it

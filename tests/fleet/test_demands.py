@@ -96,6 +96,8 @@ class Place:
             return _UPDATE, "application/sparql-update"
         if write.name == "reach":
             return PREFIXES + pose_body(f"{self.browser.root}ur5/tool0", (0.3, 0.3, 0.4)), "text/turtle"
+        if write.name == "raiseFault":
+            return f"{PREFIXES}<> lf:about <{self.browser.root}ur5/> ; dcterms:title 'It rattles.' .", "text/turtle"
         if write.name == "map":
             files = {"yaml": ("floor.yaml", yaml()), "image": ("floor.pgm", b"P2 2 1 255 254 0")}
             form = httpx.Request("PUT", write.url, files=files)
@@ -114,6 +116,7 @@ class Place:
             "output": "<> lf:value true .",
             "toolInput": "<> lf:value true .",
             "stopProtectively": "",
+            "remark": "<> lf:remark 'It is being serviced.' .",
             "missions": '<> <http://purl.org/dc/terms/title> "m" ; lf:step [ a lf:NotifyStep ; lf:text "hello" ] .',
             "rules": a_rule(_NEVER, self.browser.root + "actions/stopAll"),
             "subscriptions": _subscription(write.url.removesuffix("/subscriptions")),

@@ -25,7 +25,7 @@ _KINDS = {
     LF.ContinuousJoint: {LF.Rotate, LF.RotateBy, LF.Hold},
     LF.PrismaticJoint: {LF.Translate, LF.TranslateBy, LF.Hold},
     LF.Robot: {LF.MoveJoints, LF.FollowTrajectory, LF.Reach, LF.StopRobot},
-    LF.Fleet: {LF.StopAll},
+    LF.Fleet: {LF.StopAll, LF.RaiseFault},
 }
 _SLOWLY = "lf:speed [ vom:numericalValue 0.1 ; vom:unit unit:RAD-PER-SEC ]"
 

@@ -63,6 +63,21 @@ class MissionSettings(Section):
     most_runs: int = setting(whole_number(1, 10_000), "1000", "runs of missions that are kept, those that run included")
 
 
+@dataclass(frozen=True)
+class RunsOfMissions:
+    """What other extensions may ask about runs."""
+
+    known: Mapping[str, Run]
+    targets: Targets
+
+    def about(self, id: str) -> tuple[str, tuple[str, ...]] | None:
+        """Return the title of the mission of a run, and all robots that it names; None if it is not known."""
+        run = self.known.get(id)
+        if run is None:
+            return None
+        return run.mission.title, tuple(dict.fromkeys((*run.robots, *self.targets.named_robots(run.mission))))
+
+
 class MissionsExtension(Extension):
     """Missions at ``/missions``, and their runs at ``/mission-runs``."""
 
@@ -102,6 +117,7 @@ class MissionsExtension(Extension):
                         branches=(missions.branch, _runs(Records(runs), targets).branch),
                         handlers=_handlers(known),
                         metrics=lambda: _metrics(runs),
+                        services=(RunsOfMissions(runs.known, targets),),
                     )
 
 

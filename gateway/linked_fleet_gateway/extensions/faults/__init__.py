@@ -1,0 +1,1 @@
+"""Faults: what is wrong with robots and with what they do, from the first sign until it is cleared."""

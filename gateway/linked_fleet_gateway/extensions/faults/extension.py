@@ -1,0 +1,220 @@
+"""The extension ``faults``: the container of all faults, their sources, and what people do with them."""
+
+import logging
+import time
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import ClassVar
+
+import msgspec
+from prometheus_client.metrics_core import Metric
+from pyoxigraph import Triple
+
+from linked_fleet_gateway.api import (
+    ActionRequest,
+    Body,
+    Call,
+    Container,
+    Core,
+    Extension,
+    FleetBranch,
+    Invocation,
+    Mount,
+    NamedNode,
+    NavigationEntry,
+    Operation,
+    RequestView,
+    Right,
+    Section,
+    Table,
+    UnprocessableContent,
+    cancel_tasks,
+    counter,
+    gauges,
+    robot_path,
+    setting,
+    supervised,
+    whole_number,
+)
+from linked_fleet_gateway.base.errors import InsufficientScope
+from linked_fleet_gateway.extensions.faults.describing import describe, fault_json
+from linked_fleet_gateway.extensions.faults.fault import SEVERITIES, Fault, Severity, acknowledge, clear
+from linked_fleet_gateway.extensions.faults.gateways import Gateways
+from linked_fleet_gateway.extensions.faults.kinds import policy_of
+from linked_fleet_gateway.extensions.faults.ledger import ROUND_S, Change, Ledger
+from linked_fleet_gateway.extensions.faults.raising import raise_fault
+from linked_fleet_gateway.extensions.faults.signals import Signals
+from linked_fleet_gateway.extensions.faults.terms import LF
+from linked_fleet_gateway.extensions.faults.watch import AboutRun, Watch
+from linked_fleet_gateway.extensions.missions.extension import RunsOfMissions
+from linked_fleet_gateway.faces import Identity, View
+
+log = logging.getLogger(__name__)
+HERE = Path(__file__).parent
+
+
+@dataclass(frozen=True)
+class FaultSettings(Section):
+    prefix: ClassVar[str] = "LINKED_FLEET_FAULTS_"
+
+    most: int = setting(whole_number(10, 10_000), "2000", "faults of the fleet, cleared ones included")
+    kept_days: int = setting(whole_number(0, 3650), "7", "days for which cleared faults are kept")
+
+
+class FaultsExtension(Extension):
+    """Faults at ``/faults``."""
+
+    name = "faults"
+    at_root = ("faults",)
+    uses = ("components", "missions", "recordings")
+    vocabulary = (HERE / "vocabulary.ttl",)
+    shapes = (HERE / "shapes.ttl",)
+    kinds = (HERE / "kinds.ttl",)
+    settings = FaultSettings
+    navigation = (NavigationEntry("Faults", "/faults", 5),)
+
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.faults import page
+
+        return page.VIEWS
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        section = core.section(FaultSettings)
+        signals = Signals(policy_of)
+        watch = Watch(core, signals, _about_run(core), _recorded(core))
+        async with Gateways(core) as gateways, core.open_container("faults", Fault, _container, section.most) as faults:
+            records = faults.records
+            assert isinstance(records, Table)
+            ledger = Ledger(
+                records, signals, lambda: gateways.leads, watch.judges, section.kept_days * 86_400, section.most
+            )
+
+            async def look() -> None:
+                watch.look()
+                await ledger.round()
+
+            tasks = [supervised(look, "faults", log, "faults are not recorded", ROUND_S)]
+            core.live.add_value_listener(watch.hear_values)
+            try:
+                with (
+                    core.listening_to_invocations(watch.hear_invocation),
+                    core.listening_to_descriptions(watch.hear_values, watch.forget),
+                ):
+                    yield Mount(
+                        branches=(_branch(faults),),
+                        handlers=_handlers(core, ledger),
+                        metrics=lambda: _metrics(ledger, signals),
+                    )
+            finally:
+                core.live.remove_value_listener(watch.hear_values)
+                await cancel_tasks(tasks)
+
+
+def _about_run(core: Core) -> AboutRun:
+    runs = core.optional_service(RunsOfMissions)
+    return (lambda id: None) if runs is None else runs.about
+
+
+def _recorded(core: Core) -> Callable[[Invocation, str], str]:
+    """Return a function from an invocation and a robot to the path of the recording of its last 30 s, if there is."""
+    on = any(each.name == "recordings" for each in core.extensions)
+    return lambda invocation, robot: f"{robot_path(robot)}recordings/{invocation.id}" if on else ""
+
+
+# -- the container ----------------------------------------------------------------------------------------------------
+
+
+def _container(table: Table[Fault]) -> Container[Fault]:
+    def read(body: Body) -> Fault:
+        raise UnprocessableContent("Faults are not written.")
+
+    return Container(
+        segment="faults", title="Faults", type=LF.FaultList, member_type=LF.Fault, records=table,
+        shape=LF.FaultShape, read=read, describe=describe, title_of=lambda fault: fault.trouble.says,
+        json=fault_json, predicate=LF.faults, visible=_is_visible, blueprint=LF.FaultListShape,
+        member_blueprint=LF.FaultShape, writing=(Right.ADMIN,), by_clients=False,
+    )  # fmt: skip
+
+
+def _is_visible(fault: Fault, sees: View) -> bool:
+    return all(map(sees.includes, fault.trouble.robots))
+
+
+def _branch(faults: Container[Fault]) -> FleetBranch:
+    """Return the branch of the container, with the faults that a caller may see in its queries."""
+    branch = faults.branch
+
+    def graphs(view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
+        whole = branch.resolve(view, [])
+        assert whole is not None and not isinstance(whole, str)
+        yield faults.path, whole.full_graph(view.base).triples  # type: ignore[union-attr]
+
+    return replace(branch, graphs=graphs)
+
+
+# -- what people do ---------------------------------------------------------------------------------------------------
+
+
+def _handlers(core: Core, ledger: Ledger) -> Mapping[NamedNode, Callable[[ActionRequest], Operation]]:
+    def changing(right: Right, change: Callable[[ActionRequest, Call], Change]) -> Callable[[ActionRequest], Operation]:
+        def handle(request: ActionRequest) -> Operation:
+            async def run(call: Call) -> None:
+                def checked(fault: Fault) -> Fault:
+                    _check_rights(fault, right, call.caller.identity)
+                    return change(request, call)(fault)
+
+                await ledger.change(request.member_id, checked)
+                call.accept()
+
+            fault = ledger.known.get(request.member_id)
+            return Operation(run, about=() if fault is None else fault.trouble.robots)
+
+        return handle
+
+    return {
+        LF.AcknowledgeFault: changing(Right.ACT, lambda request, call: partial(_acknowledged, call)),
+        LF.RemarkFault: changing(Right.ACT, _remarking),
+        LF.ClearFault: changing(Right.RESET, lambda request, call: partial(_cleared, call)),
+        LF.RaiseFault: partial(raise_fault, core, ledger),
+    }
+
+
+def _check_rights(fault: Fault, right: Right, caller: Identity) -> None:
+    """Raise InsufficientScope if a caller lacks a right on a robot of a fault."""
+    if missing := [each for each in fault.trouble.robots if not caller.has_right(right, each)]:
+        names = ", ".join(missing)[:200]
+        raise InsufficientScope(f"The fault is about {names}; this takes the right to {right} there.", scope=right)
+
+
+def _acknowledged(call: Call, fault: Fault) -> Fault:
+    return acknowledge(fault, call.client, time.time_ns())
+
+
+def _remarking(request: ActionRequest, call: Call) -> Change:
+    said = request.body.text(request.body.root, LF.remark) or ""
+    return lambda fault: msgspec.structs.replace(fault, remark=said)
+
+
+def _cleared(call: Call, fault: Fault) -> Fault:
+    return clear(fault, call.client, time.time_ns())
+
+
+# -- metrics ----------------------------------------------------------------------------------------------------------
+
+
+def _metrics(ledger: Ledger, signals: Signals) -> Iterator[Metric]:
+    opened = [each for each in list(ledger.known.values()) if each.is_open]
+    of_all = Counter(each.trouble.severity for each in opened)
+    unseen = Counter(each.trouble.severity for each in opened if each.needs_attention)
+    yield gauges("open_faults", "Faults that are not cleared.", "severity", _of_each(of_all))
+    yield gauges("unacknowledged_faults", "Confirmed faults that nobody acknowledged.", "severity", _of_each(unseen))
+    yield counter("faults_left_out", "Faults that this gateway could not record.", ledger.full + signals.left_out)
+
+
+def _of_each(counts: Mapping[Severity, int]) -> list[tuple[str, float]]:
+    return [(each, counts.get(each, 0)) for each in SEVERITIES]

@@ -1,0 +1,119 @@
+"""The faults of the fleet: what this gateway sees, written to the records that all gateways share.
+
+One gateway writes at a time. What changes a fault for people is written within a round; counts and words wait, so that
+thousands of flaps cost a write every few seconds.
+"""
+
+import logging
+import time
+from collections.abc import Callable, Iterator, Mapping
+
+from linked_fleet_gateway.api import NotFound, Table
+from linked_fleet_gateway.base.errors import ContainerFull
+from linked_fleet_gateway.extensions.faults.fault import Fault, Sight, Trouble, observe, over
+from linked_fleet_gateway.extensions.faults.signals import Signals
+
+log = logging.getLogger(__name__)
+
+ROUND_S = 0.5
+COUNTS_S = 5.0
+"""Least time between two writes of a fault of which only counts and words have changed."""
+MOST_WRITES = 50
+"""Writes of one round; the others wait for the next one."""
+Change = Callable[[Fault], Fault]
+
+
+class Ledger:
+    """Writes faults. ``leads`` tells whether this gateway does, ``judges`` whether it can tell that one is over."""
+
+    def __init__(
+        self,
+        records: Table[Fault],
+        signals: Signals,
+        leads: Callable[[], bool],
+        judges: Callable[[Trouble], bool],
+        kept_s: float,
+        most: int,
+    ) -> None:
+        self._records, self._signals, self._leads, self._judges = records, signals, leads, judges
+        self._kept_ns, self._most_cleared = int(kept_s * 1e9), most * 3 // 4
+        self._written_ns: dict[str, int] = {}
+        self.full = 0
+        """Faults that could not be recorded because there was no room."""
+
+    @property
+    def known(self) -> Mapping[str, Fault]:
+        return self._records.known
+
+    async def round(self) -> None:
+        """Write what has changed. Raises RedisUnavailable; the next round then writes it."""
+        now_ns = time.time_ns()
+        sights = dict(self._signals.sights(now_ns))
+        self._signals.forget_old_events(now_ns)
+        if not self._leads():
+            return
+        wanted = [*self._news(sights, now_ns), *self._ended(now_ns), *self._old(now_ns)]
+        for id, fault in wanted[:MOST_WRITES]:
+            await self._write(id, fault, sights.get(id), now_ns)
+
+    def _news(self, sights: Mapping[str, Sight], now_ns: int) -> Iterator[tuple[str, Fault | None]]:
+        for id, sight in sights.items():
+            before = self.known.get(id)
+            after = observe(before, sight, now_ns)
+            if after == before:
+                self._signals.written(id, sight)
+            elif _differ(before, after) or now_ns - self._written_ns.get(id, 0) > COUNTS_S * 1e9:
+                yield id, after
+
+    def _ended(self, now_ns: int) -> Iterator[tuple[str, Fault | None]]:
+        """Yield open faults whose trouble nobody sees, such as those of a gateway that has died."""
+        for id, fault in list(self.known.items()):
+            if fault.is_open and fault.present and not self._signals.has(id) and self._judges(fault.trouble):
+                yield id, over(fault, now_ns)
+
+    def _old(self, now_ns: int) -> Iterator[tuple[str, None]]:
+        cleared = sorted((fault.cleared_ns, id) for id, fault in self.known.items() if not fault.is_open)
+        for place, (cleared_ns, id) in enumerate(reversed(cleared)):
+            if place >= self._most_cleared or now_ns - cleared_ns > self._kept_ns:
+                yield id, None
+
+    async def _write(self, id: str, fault: Fault | None, sight: Sight | None, now_ns: int) -> None:
+        try:
+            done = await self._records.change(id, fault)
+        except ContainerFull as error:
+            self.full += 1
+            log.warning("a fault of %s is not recorded: %s", fault and fault.trouble.place, error)
+            return
+        if not done:
+            return
+        self._written_ns[id] = now_ns
+        if fault is None:
+            del self._written_ns[id]
+        if sight is not None:
+            self._signals.written(id, sight)
+
+    async def change(self, id: str, change: Change) -> Fault:
+        """Change a fault for a person. Raises NotFound, RedisUnavailable, and the errors of ``change``."""
+        while (fault := self.known.get(id)) is not None:
+            changed = change(fault)
+            if await self._records.change(id, changed):
+                return changed
+        raise NotFound("The fault has been deleted.")
+
+    async def record(self, trouble: Trouble, event: str) -> Fault:
+        """Record an event that somebody tells of, at once. Raises RedisUnavailable, ContainerFull."""
+        while True:
+            now_ns, before = time.time_ns(), self.known.get(trouble.id)
+            sight = Sight(trouble, "confirmed", False, now_ns, now_ns, 1, (event,))
+            after = observe(before, sight, now_ns)
+            assert after is not None
+            if after == before or await self._records.change(trouble.id, after):
+                return after
+
+
+def _differ(before: Fault | None, after: Fault | None) -> bool:
+    """Return True if people must hear of a change at once."""
+    if before is None or after is None:
+        return True
+    told, now = before.trouble, after.trouble
+    return (before.state, before.present, told.severity) != (after.state, after.present, now.severity)
