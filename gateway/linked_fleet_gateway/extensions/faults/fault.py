@@ -6,6 +6,7 @@ clears it. There is one fault for each robot, place and kind: trouble that comes
 """
 
 import uuid
+from functools import lru_cache
 from typing import Literal
 
 from msgspec import Struct
@@ -42,7 +43,13 @@ class Trouble(Struct, frozen=True, omit_defaults=True):
     @property
     def id(self) -> str:
         """The id of its fault, which is the same at all gateways."""
-        return str(uuid.uuid5(_SPACE, "\0".join((self.place, self.kind))))
+        return id_of(self.place, self.kind)
+
+
+@lru_cache(4096)
+def id_of(place: str, kind: str) -> str:
+    """Return the id of the fault of a kind at a thing."""
+    return str(uuid.uuid5(_SPACE, f"{place}\0{kind}"))
 
 
 class Fault(Struct, frozen=True, omit_defaults=True):

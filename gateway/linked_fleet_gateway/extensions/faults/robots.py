@@ -4,7 +4,7 @@ What is unknown is no trouble, and does not end one: the components of a robot t
 """
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
 from linked_fleet_gateway.api import Robot, joint_path, robot_path
@@ -82,41 +82,34 @@ def _efforts(robot: Robot) -> Iterator[Trouble]:
 
 
 def components_of(robot: Robot) -> list[ComponentPart]:
-    """Return the components whose values are those of the present run of the agent."""
-    return [each for each in robot.parts.values() if isinstance(each, ComponentPart) and each.is_current]
+    """Return the components of a robot."""
+    return [each for each in robot.parts.values() if isinstance(each, ComponentPart)]
 
 
-def signature(components: Iterable[ComponentPart]) -> tuple[object, ...]:
-    """Return what the troubles of components depend on, quickly."""
-    found = list[object]()
-    for each in components:
-        state = each.state
-        found += (state.fault, state.stale)
-        if each.declared.semantic_type == MODE:
-            found.append((state.value("protectiveStop"), state.value("reason")))
-        elif each.declared.semantic_type == DIAGNOSTICS:
-            found.append(state.value("status"))
-        elif each.is_battery:
-            charge = each.battery_percent
-            found.append(charge is not None and (charge < LOW_PERCENT, charge < EMPTY_PERCENT))
-    return tuple(found)
+def reader_of(part: ComponentPart) -> Callable[[ComponentPart], object]:
+    """Return a function that reads quickly what the troubles of a component depend on, besides its own fault."""
+    kind = part.declared.semantic_type
+    if kind == MODE:
+        return lambda each: (each.state.value("protectiveStop"), each.state.value("reason"))
+    if kind == DIAGNOSTICS:
+        return lambda each: each.state.value("status")
+    return _low if part.is_battery else lambda each: None
 
 
-def of_components(robot: Robot, components: Iterable[ComponentPart]) -> Iterator[Trouble]:
-    """Yield the troubles of the components of a robot that is online."""
-    for each in components:
-        state, kind = each.state, each.declared.semantic_type
-        if state.fault:
-            yield trouble(robot, "component", state.fault, place=each.path)
-        if state.stale:
-            yield trouble(robot, "stale", f"{each.title} says nothing any more.", "warning", each.path)
-        elif kind == MODE and state.value("protectiveStop"):
-            says = state.value("reason") or "A protective stop is active."
-            yield trouble(robot, "protective-stop", str(says), "error", each.path)
-        elif kind == DIAGNOSTICS:
-            yield from _diagnostics(robot, each)
-        elif each.is_battery:
-            yield from _battery(robot, each)
+def of_component(robot: Robot, part: ComponentPart) -> Iterator[Trouble]:
+    """Yield the troubles of a component of a robot that is online."""
+    state, kind = part.state, part.declared.semantic_type
+    if state.fault:
+        yield trouble(robot, "component", state.fault, place=part.path)
+    if state.stale:
+        yield trouble(robot, "stale", f"{part.title} says nothing any more.", "warning", part.path)
+    elif kind == MODE and state.value("protectiveStop"):
+        says = state.value("reason") or "A protective stop is active."
+        yield trouble(robot, "protective-stop", str(says), "error", part.path)
+    elif kind == DIAGNOSTICS:
+        yield from _diagnostics(robot, part)
+    elif part.is_battery:
+        yield from _battery(robot, part)
 
 
 def _diagnostics(robot: Robot, part: ComponentPart) -> Iterator[Trouble]:
@@ -128,28 +121,37 @@ def _diagnostics(robot: Robot, part: ComponentPart) -> Iterator[Trouble]:
             yield trouble(robot, f"diagnostics {name}", says, severity, part.path)
 
 
-def _battery(robot: Robot, part: ComponentPart) -> Iterator[Trouble]:
+def _low(part: ComponentPart) -> Severity | None:
+    """Return how bad the charge of a battery is; None if it suffices, is unknown, or grows."""
     charge = part.battery_percent
     if charge is None or charge >= LOW_PERCENT or part.state.value("powerSupplyState") == "charging":
+        return None
+    return "error" if charge < EMPTY_PERCENT else "warning"
+
+
+def _battery(robot: Robot, part: ComponentPart) -> Iterator[Trouble]:
+    charge, severity = part.battery_percent, _low(part)
+    if charge is None or severity is None:
         return
-    severity: Severity = "error" if charge < EMPTY_PERCENT else "warning"
     values = {"charge": f"{charge:.0f} %"}
     yield trouble(robot, "battery", f"{part.title} has {charge:.0f} % left.", severity, part.path, values=values)
 
 
-def events_of(robot: Robot, components: Iterable[ComponentPart]) -> Iterator[tuple[Trouble, str, int]]:
-    """Yield the last event of each component that tells of a fault, its id, and how often it has occurred."""
-    for each in components:
-        for name, declared in each.declared.events.items():
-            last = each.state.events.get(name)
-            if last is None:
-                continue
-            if declared.semantic_type == LF.Fault.value:
-                yield _told(robot, each, name, last.data), f"{robot.incarnation} {last.wall_ns}", last.count
-            elif each.declared.semantic_type == GRIPPER and name == "lost":
-                says = f"{each.title} has lost what it held."
-                found = trouble(robot, "object-lost", says, "warning", each.path, event=True)
-                yield found, f"{robot.incarnation} {last.wall_ns}", last.count
+def telling_events(components: Iterable[ComponentPart]) -> list[tuple[ComponentPart, str]]:
+    """Return the events of components that tell of faults: those of the type ``lf:Fault``, and lost objects."""
+    return [
+        (each, name)
+        for each in components
+        for name, declared in each.declared.events.items()
+        if declared.semantic_type == LF.Fault.value or (each.declared.semantic_type == GRIPPER and name == "lost")
+    ]
+
+
+def of_event(robot: Robot, part: ComponentPart, name: str, data: object) -> Trouble:
+    """Return the trouble that an event tells of."""
+    if part.declared.events[name].semantic_type == LF.Fault.value:
+        return _told(robot, part, name, data)
+    return trouble(robot, "object-lost", f"{part.title} has lost what it held.", "warning", part.path, event=True)
 
 
 def _told(robot: Robot, part: ComponentPart, name: str, data: object) -> Trouble:

@@ -11,12 +11,13 @@ from linked_fleet_gateway.extensions.faults.invocations import RUN, of_invocatio
 from linked_fleet_gateway.extensions.faults.kinds import SILENT_S
 from linked_fleet_gateway.extensions.faults.robots import (
     components_of,
-    events_of,
-    of_components,
+    of_component,
+    of_event,
     of_frame,
     of_robot,
     presence_of,
-    signature,
+    reader_of,
+    telling_events,
 )
 from linked_fleet_gateway.extensions.faults.signals import Signals
 
@@ -25,9 +26,23 @@ FRAMES_S = 2.0
 GRACE_S = 10.0
 """How long a robot must be known until the absence of a trouble is believed that another gateway has recorded."""
 MOST_KNOWN = 4096
+PRESENCE, ROBOT, FRAME = "/presence", "/robot", "/frame"
+"""What of a robot is looked at besides its components, which have other names."""
 
 AboutRun = Callable[[str], tuple[str, tuple[str, ...]] | None]
 """Returns the title of the mission of a run, and the robots that it uses, by the id of its invocation."""
+
+
+class _Parts:
+    """The components of a robot, and what was last seen of them."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.source = robot.parts
+        self.components = components_of(robot)
+        self.telling = telling_events(self.components)
+        self.counts: dict[tuple[str, str], tuple[int | None, int]] = {}
+        self.readers = [(each, reader_of(each)) for each in self.components]
+        self.seen: dict[str, tuple[object, ...]] = {}
 
 
 class Watch:
@@ -38,8 +53,7 @@ class Watch:
         self._begun_ns = time.time_ns()
         self._seen: dict[str, tuple[object, ...]] = {}
         self._frames_ns: dict[str, int] = {}
-        self._signatures: dict[str, tuple[object, ...]] = {}
-        self._counts: dict[tuple[str, str], int] = {}
+        self._parts: dict[str, _Parts] = {}
         self._online_ns: dict[str, int] = {}
         self._removed: set[str] = set()
         self._ended: dict[str, None] = {}
@@ -62,36 +76,48 @@ class Watch:
             if not robot.online or not self._seen.get(name, (False,))[0]:
                 self._online_ns[name] = now_ns
             self._seen[name] = seen
-            self._signals.show((name, "presence"), presence_of(robot, now_ns), now_ns)
+            self._signals.show((name, PRESENCE), presence_of(robot, now_ns), now_ns)
             if robot.online:
-                self._signals.show((name, "robot"), of_robot(robot), now_ns)
+                self._signals.show((name, ROBOT), of_robot(robot), now_ns)
                 self.hear_values(name)
         if robot.online and now_ns - self._frames_ns.get(name, 0) > FRAMES_S * 1e9:
             self._frames_ns[name] = now_ns
-            self._signals.show((name, "frame"), of_frame(robot), now_ns)
+            self._signals.show((name, FRAME), of_frame(robot), now_ns)
 
     def hear_values(self, name: str) -> None:
         """Look at the components of a robot, of which values may have changed."""
         robot = self._core.robots.get(name)
-        if robot is None or not robot.online or not (components := components_of(robot)):
+        if robot is None or not robot.online or not robot.parts:
             return
-        for trouble, id, count in events_of(robot, components):
-            if self._counts.get((trouble.id, name)) != count:
-                self._counts[trouble.id, name] = count
-                self._signals.happen(trouble, id, time.time_ns())
-        seen = signature(components)
-        if seen != self._signatures.get(name):
-            self._signatures[name] = seen
-            self._signals.show((name, "components"), of_components(robot, components), time.time_ns())
+        parts = self._parts.get(name)
+        if parts is None or parts.source is not robot.parts:
+            parts = self._parts[name] = _Parts(robot)
+        if parts.components and parts.components[0].is_current:
+            self._look_at_components(robot, parts)
+
+    def _look_at_components(self, robot: Robot, parts: "_Parts") -> None:
+        for part, event in parts.telling:
+            last = part.state.events.get(event)
+            if last is not None and parts.counts.get((part.name, event)) != (robot.incarnation, last.count):
+                parts.counts[part.name, event] = robot.incarnation, last.count
+                id = f"{robot.incarnation} {last.wall_ns}"
+                self._signals.happen(of_event(robot, part, event, last.data), id, time.time_ns())
+        for part, read in parts.readers:
+            state = part.state
+            seen = state.fault, state.stale, read(part)
+            if seen != parts.seen.get(part.name):
+                parts.seen[part.name] = seen
+                self._signals.show((robot.name, part.name), of_component(robot, part), time.time_ns())
 
     def forget(self, name: str) -> None:
         """Forget a robot that was removed, whose troubles are over."""
         now_ns = time.time_ns()
-        for source in ("presence", "robot", "frame", "components"):
+        parts = self._parts.get(name)
+        of_parts = () if parts is None else [each.name for each in parts.components]
+        for source in (PRESENCE, ROBOT, FRAME, *of_parts):
             self._signals.show((name, source), (), now_ns)
-        for known in (self._seen, self._frames_ns, self._signatures, self._online_ns):
+        for known in (self._seen, self._frames_ns, self._parts, self._online_ns):
             known.pop(name, None)
-        self._counts = {key: count for key, count in self._counts.items() if key[1] != name}
         self._removed.add(name)
 
     def judges(self, trouble: Trouble) -> bool:

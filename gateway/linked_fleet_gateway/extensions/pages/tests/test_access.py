@@ -6,6 +6,7 @@ from typing import Any
 import pytest
 from playwright.sync_api import Browser as Chromium
 from playwright.sync_api import Page, expect
+from rdflib import Literal
 
 from accessibility import violations, violations_in_both_schemes
 from browser import DCTERMS, HYBRIT, LF, ROS, Browser
@@ -61,6 +62,9 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
     ask["steps"][1]["body"] = {"value": 0.1, "unit": "http://qudt.org/vocab/unit/RAD"}
     mission = browser.http.post(browser.root + "missions", json={"title": "A mission", "step": ask}).headers["location"]
     run = browser.http.post(mission + "/actions/run").headers["location"]
+    noise = {"about": robot.url, "title": "It rattles."}
+    assert browser.http.post(browser.root + "actions/raiseFault", json=noise).status_code == 204
+    (fault,) = browser.page(browser.root + "faults").graph.subjects(LF.faultKind, Literal("told"))
     return {
         "fleet": browser.root,
         "robot": robot.url,
@@ -97,6 +101,8 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
         "mission": mission,
         "runs": browser.root + "mission-runs",
         "run": f"{browser.root}mission-runs/{run.rpartition('/')[2]}",
+        "faults": browser.root + "faults",
+        "fault": str(fault),
         "query": str(root.one(LF.query)),
         "results": browser.root + "query?query=SELECT%20%3Fa%20%7B%20%3Fa%20a%20%3Fb%20%7D%20LIMIT%209",
         "no query": browser.root + "query?query=SELECT",
