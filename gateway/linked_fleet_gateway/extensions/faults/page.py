@@ -7,7 +7,7 @@ from pathlib import Path
 from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.api import DCTERMS, LDP
-from linked_fleet_gateway.extensions.faults.terms import LF
+from linked_fleet_gateway.extensions.faults.terms import LF, STATES
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, VOM
 
@@ -22,8 +22,8 @@ class FaultRow:
 
     link: Link
     about: Link | None
-    severity: Value | None
-    state: Value | None
+    severity: str
+    state: str
     since: Value | None
     count: str
     by: str
@@ -54,6 +54,12 @@ def _has(facts: Facts, iri: NamedNode, state: NamedNode) -> bool:
     return facts.one(iri, LF.state) == state
 
 
+def _word(facts: Facts, iri: NamedNode, predicate: NamedNode) -> str:
+    """Return a state or a severity in a word."""
+    name = facts.iri_of(iri, predicate).rpartition("#")[2]
+    return next((word for word, term in STATES.items() if term.value.endswith("#" + name)), name)
+
+
 def _values_of(facts: Facts, members: Sequence[NamedNode]) -> list[BlankNode]:
     return [node for each in members for node in facts.all(each, LF.valuesThen) if isinstance(node, BlankNode)]
 
@@ -64,8 +70,8 @@ def _row(facts: Facts, iri: NamedNode) -> FaultRow:
     return FaultRow(
         facts.link(iri),
         facts.link(about) if isinstance(about, NamedNode) else None,
-        facts.first_value(iri, LF.severity),
-        facts.first_value(iri, LF.state),
+        _word(facts, iri, LF.severity),
+        _word(facts, iri, LF.state),
         facts.first_value(iri, LF.since),
         facts.text(iri, LF.count),
         facts.text(iri, LF.acknowledgedBy),

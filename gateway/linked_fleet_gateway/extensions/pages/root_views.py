@@ -47,7 +47,7 @@ class RobotCard:
 
 def fleet(facts: Facts, iri: NamedNode) -> Part:
     members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
-    robots = [_card(facts, each) for each in members]
+    robots = sorted((_card(facts, each) for each in members), key=_trouble)
     more = {
         "robots": robots,
         "counts": _counts(robots),
@@ -75,6 +75,12 @@ def _card(facts: Facts, iri: NamedNode) -> RobotCard:
         _percent(facts.text(iri, LF.batteryCharge)),
         path_below(iri.value, facts.root) + THUMBNAIL,
     )
+
+
+def _trouble(card: RobotCard) -> int:
+    """Return the place of a robot among the others: those with trouble come first. Scripts add what they know more."""
+    state = card.presence.state
+    return {"faulty": 0, "offline": 1}.get(state.name if state else "", 2)
 
 
 def _percent(charge: str) -> str:

@@ -137,6 +137,20 @@ def test_a_fault_conforms_to_its_blueprint_and_is_in_queries(scene: Scene) -> No
     assert scene.one.browser.root + "ur5/" in answer.text
 
 
+def test_pages_show_what_needs_attention_first(scene: Scene) -> None:
+    assert scene.raise_(faultKind="low", severity="https://w3id.org/linked-fleet#warning") == 204
+    assert scene.raise_(faultKind="high", severity="https://w3id.org/linked-fleet#critical", title="It burns.") == 204
+    html = {"accept": "text/html"}
+    answer = scene.one.browser.http.get(scene.one.browser.root + "faults", headers=html)
+    assert answer.status_code == 200
+    assert "2 open faults" in answer.text
+    assert answer.text.index("It burns.</bdi>") < answer.text.index("It rattles.</bdi>")
+    assert scene.do("told high", "acknowledge") == 204
+    page = scene.one.browser.http.get(scene.iri("told high"), headers=html)
+    assert page.status_code == 200
+    assert 'data-state="cleared"' in page.text
+
+
 def test_a_failed_motion_is_a_fault_with_its_invocation(scene: Scene) -> None:
     action = scene.one.browser.root + "ur5/wrist_3_joint/actions/rotate"
     answer = scene.one.browser.http.post(action, json={"value": 3.0, "unit": RAD}, headers={"prefer": "respond-async"})
