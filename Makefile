@@ -52,7 +52,7 @@ CLIENTS := build/clients/stamp
 PEERS := tests/agents/ros2/peers
 ROS_PEERS := build/ros-peers/stamp
 DEMO_PACKAGES := -e './agents[sim]' -e '.[mcp,foxglove]'
-TEST_PACKAGES := -e './agents[sim]' -e '.[mcp,foxglove,test]'
+TEST_PACKAGES := -e './agents[sim]' -e '.[mcp,foxglove,notify,test]'
 ALL_PACKAGES := -e './agents[sim,ros,tracing]' -e '.[dev,bench]'
 
 # Constraints are variables instead of the option -c, so that pip's isolated build environments use them too.

@@ -1,5 +1,6 @@
 """The extension ``faults``: the container of all faults, their sources, and what people do with them."""
 
+import asyncio
 import logging
 import time
 from collections import Counter
@@ -29,23 +30,23 @@ from linked_fleet_gateway.api import (
     Operation,
     RequestView,
     Right,
-    Section,
     Table,
     UnprocessableContent,
     cancel_tasks,
     counter,
     gauges,
     robot_path,
-    setting,
     supervised,
-    whole_number,
 )
 from linked_fleet_gateway.base.errors import InsufficientScope
+from linked_fleet_gateway.base.settings import FILE, Section, choice, setting, whole_number
 from linked_fleet_gateway.extensions.faults.describing import describe, fault_json
 from linked_fleet_gateway.extensions.faults.fault import SEVERITIES, Fault, Severity, acknowledge, clear
 from linked_fleet_gateway.extensions.faults.gateways import Gateways
 from linked_fleet_gateway.extensions.faults.kinds import policy_of
 from linked_fleet_gateway.extensions.faults.ledger import ROUND_S, Change, Ledger
+from linked_fleet_gateway.extensions.faults.messages import Telling
+from linked_fleet_gateway.extensions.faults.notify import LOOK_S, Notifier, by_apprise
 from linked_fleet_gateway.extensions.faults.raising import raise_fault
 from linked_fleet_gateway.extensions.faults.signals import Signals
 from linked_fleet_gateway.extensions.faults.terms import LF
@@ -63,6 +64,11 @@ class FaultSettings(Section):
 
     most: int = setting(whole_number(10, 10_000), "2000", "faults of the fleet, cleared ones included")
     kept_days: int = setting(whole_number(0, 3650), "7", "days for which cleared faults are kept")
+    notify_file: Path | None = setting(
+        FILE, "", "file with addresses of mail and chat, as the package apprise has them, which are told of faults"
+    )
+    notify_from: str = setting(choice(*SEVERITIES), "error", "the least severity of which these are told")
+    notify_again_h: int = setting(whole_number(1, 720), "12", "hours between two messages about a fault")
 
 
 class FaultsExtension(Extension):
@@ -99,6 +105,9 @@ class FaultsExtension(Extension):
                 await ledger.round()
 
             tasks = [supervised(look, "faults", log, "faults are not recorded", ROUND_S)]
+            notifier = await _notifier(core, section, ledger, gateways)
+            if notifier is not None:
+                tasks.append(supervised(notifier.look, "messages", log, "messages about faults are not sent", LOOK_S))
             core.live.add_value_listener(watch.hear_values)
             try:
                 with (
@@ -108,11 +117,25 @@ class FaultsExtension(Extension):
                     yield Mount(
                         branches=(_branch(faults),),
                         handlers=_handlers(core, ledger),
-                        metrics=lambda: _metrics(ledger, signals),
+                        metrics=lambda: _metrics(ledger, signals, notifier),
                     )
             finally:
                 core.live.remove_value_listener(watch.hear_values)
                 await cancel_tasks(tasks)
+
+
+async def _notifier(core: Core, section: FaultSettings, ledger: Ledger, gateways: Gateways) -> Notifier | None:
+    """Return what sends messages; None without addresses, and if these cannot be used, which is a fault here."""
+    if section.notify_file is None:
+        return None
+    try:
+        send = await asyncio.to_thread(by_apprise, section.notify_file)
+    except (OSError, ValueError, ImportError) as error:
+        core.faults.note("faults", error, thing="messages")
+        return None
+    least = next(each for each in SEVERITIES if each == section.notify_from)
+    telling = Telling(least, section.notify_again_h * 3600.0, core.public_urls[0])
+    return Notifier(telling, send, lambda: gateways.leads, ledger.known, ledger.change)
 
 
 def _about_run(core: Core) -> AboutRun:
@@ -207,13 +230,16 @@ def _cleared(call: Call, fault: Fault) -> Fault:
 # -- metrics ----------------------------------------------------------------------------------------------------------
 
 
-def _metrics(ledger: Ledger, signals: Signals) -> Iterator[Metric]:
+def _metrics(ledger: Ledger, signals: Signals, notifier: Notifier | None) -> Iterator[Metric]:
     opened = [each for each in list(ledger.known.values()) if each.is_open]
     of_all = Counter(each.trouble.severity for each in opened)
     unseen = Counter(each.trouble.severity for each in opened if each.needs_attention)
     yield gauges("open_faults", "Faults that are not cleared.", "severity", _of_each(of_all))
     yield gauges("unacknowledged_faults", "Confirmed faults that nobody acknowledged.", "severity", _of_each(unseen))
     yield counter("faults_left_out", "Faults that this gateway could not record.", ledger.full + signals.left_out)
+    if notifier is not None:
+        yield counter("fault_messages", "Messages about faults that this gateway has sent.", notifier.sent)
+        yield counter("fault_message_failures", "Messages about faults that could not be sent.", notifier.failed)
 
 
 def _of_each(counts: Mapping[Severity, int]) -> list[tuple[str, float]]:
