@@ -101,7 +101,7 @@ class FaultsExtension(Extension):
             )
 
             async def look() -> None:
-                watch.look()
+                await watch.look()
                 await ledger.round()
 
             tasks = [supervised(look, "faults", log, "faults are not recorded", ROUND_S)]

@@ -20,7 +20,10 @@ COUNTS_S = 5.0
 """Least time between two writes of a fault of which only counts and words have changed."""
 MOST_WRITES = 50
 """Writes of one round; the others wait for the next one."""
+FULL_S = 60.0
+"""Time between two lines of the log about faults that find no room."""
 Change = Callable[[Fault], Fault]
+Write = tuple[str, Fault | None]
 
 
 class Ledger:
@@ -38,6 +41,7 @@ class Ledger:
         self._records, self._signals, self._leads, self._judges = records, signals, leads, judges
         self._kept_ns, self._most_cleared = int(kept_s * 1e9), most * 3 // 4
         self._written_ns: dict[str, int] = {}
+        self._full_ns = 0
         self.full = 0
         """Faults that could not be recorded because there was no room."""
 
@@ -52,26 +56,32 @@ class Ledger:
         self._signals.forget_old_events(now_ns)
         if not self._leads():
             return
-        wanted = [*self._news(sights, now_ns), *self._ended(now_ns), *self._old(now_ns)]
+        news, counts = self._news(sights, now_ns)
+        wanted = [*news, *self._ended(now_ns), *self._old(now_ns), *counts]
         for id, fault in wanted[:MOST_WRITES]:
             await self._write(id, fault, sights.get(id), now_ns)
 
-    def _news(self, sights: Mapping[str, Sight], now_ns: int) -> Iterator[tuple[str, Fault | None]]:
+    def _news(self, sights: Mapping[str, Sight], now_ns: int) -> tuple[list[Write], list[Write]]:
+        """Return what people must hear of at once, and the counts that are due."""
+        news, counts = list[Write](), list[Write]()
         for id, sight in sights.items():
             before = self.known.get(id)
             after = observe(before, sight, now_ns)
             if after == before:
                 self._signals.written(id, sight)
-            elif _differ(before, after) or now_ns - self._written_ns.get(id, 0) > COUNTS_S * 1e9:
-                yield id, after
+            elif _differ(before, after):
+                news.append((id, after))
+            elif now_ns - self._written_ns.get(id, 0) > COUNTS_S * 1e9:
+                counts.append((id, after))
+        return news, counts
 
-    def _ended(self, now_ns: int) -> Iterator[tuple[str, Fault | None]]:
+    def _ended(self, now_ns: int) -> Iterator[Write]:
         """Yield open faults whose trouble nobody sees, such as those of a gateway that has died."""
         for id, fault in list(self.known.items()):
             if fault.is_open and fault.present and not self._signals.has(id) and self._judges(fault.trouble):
                 yield id, over(fault, now_ns)
 
-    def _old(self, now_ns: int) -> Iterator[tuple[str, None]]:
+    def _old(self, now_ns: int) -> Iterator[Write]:
         cleared = sorted((fault.cleared_ns, id) for id, fault in self.known.items() if not fault.is_open)
         for place, (cleared_ns, id) in enumerate(reversed(cleared)):
             if place >= self._most_cleared or now_ns - cleared_ns > self._kept_ns:
@@ -82,7 +92,9 @@ class Ledger:
             done = await self._records.change(id, fault)
         except ContainerFull as error:
             self.full += 1
-            log.warning("a fault of %s is not recorded: %s", fault and fault.trouble.place, error)
+            if now_ns - self._full_ns > FULL_S * 1e9:
+                self._full_ns = now_ns
+                log.warning("faults are not recorded, such as one of %s: %s", fault and fault.trouble.place, error)
             return
         if not done:
             return

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from linked_fleet_gateway.api import Core, Invocation, Robot
+from linked_fleet_gateway.api import Core, Invocation, Robot, time_sliced
 from linked_fleet_gateway.extensions.faults.fault import Trouble
 from linked_fleet_gateway.extensions.faults.invocations import RUN, of_invocation, of_mission
 from linked_fleet_gateway.extensions.faults.kinds import SILENT_S
@@ -60,12 +60,11 @@ class Watch:
 
     # -- robots -----------------------------------------------------------------------------------------------------
 
-    def look(self) -> None:
-        """Look at all robots."""
-        now_ns = time.time_ns()
-        for robot in list(self._core.robots.values()):
+    async def look(self) -> None:
+        """Look at all robots, giving other tasks their turns."""
+        async for robot in time_sliced(list(self._core.robots.values())):
             with self._core.faults.guard("faults", robot.name):
-                self._look_at(robot, now_ns)
+                self._look_at(robot, time.time_ns())
 
     def _look_at(self, robot: Robot, now_ns: int) -> None:
         last_ns, name = robot.last_seen_ns, robot.name
