@@ -84,8 +84,8 @@ class Fault(Struct, frozen=True, omit_defaults=True):
 
     @property
     def needs_attention(self) -> bool:
-        """True while nobody has acknowledged it."""
-        return self.state == "confirmed"
+        """True while nobody has acknowledged it. Information needs none."""
+        return self.state == "confirmed" and self.trouble.severity != "information"
 
 
 class Sight(Struct, frozen=True):

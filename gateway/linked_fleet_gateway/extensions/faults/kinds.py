@@ -10,6 +10,8 @@ SILENT_S = 10.0
 """Time without a message of an agent that is present."""
 CLOCK_S = 2.0
 """Difference between the clocks of an agent and of the gateway."""
+SETTLING_S = 3.0
+"""Time after the end of a motion in which its robot may still move."""
 EFFORT = 1.05
 """Share of its declared effort that a joint may use."""
 
@@ -23,6 +25,7 @@ POLICIES: Mapping[str, Policy] = {
     "battery": Policy(confirm_s=5.0, clear_s=30.0),
     "stale": _SLOW,
     "protective-stop": Policy(confirm_s=0.0, clear_s=1.0),
+    "uncommanded": Policy(confirm_s=3.0, clear_s=10.0),
 }
 
 

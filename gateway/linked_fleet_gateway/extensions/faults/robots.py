@@ -34,8 +34,11 @@ def presence_of(robot: Robot, now_ns: int) -> Iterator[Trouble]:
         yield trouble(robot, "silent", f"The agent of {robot.title} is there, and says nothing.")
 
 
-def of_robot(robot: Robot) -> Iterator[Trouble]:
-    """Yield the troubles of a robot that is online as a whole, and of its joints."""
+def of_robot(robot: Robot, strays: bool = False) -> Iterator[Trouble]:
+    """Yield the troubles of a robot that is online as a whole, and of its joints. ``strays``: moved by no command."""
+    if strays:
+        says = f"{robot.title} moves, and no command of this fleet causes it."
+        yield trouble(robot, "uncommanded", says, "information")
     if robot.agent_fault:
         yield trouble(robot, "agent", robot.agent_fault)
     if robot.limit_fault:

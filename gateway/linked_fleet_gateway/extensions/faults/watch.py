@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from linked_fleet_gateway.api import Core, Invocation, Robot, time_sliced
 from linked_fleet_gateway.extensions.faults.fault import Trouble
 from linked_fleet_gateway.extensions.faults.invocations import RUN, of_invocation, of_mission
-from linked_fleet_gateway.extensions.faults.kinds import SILENT_S
+from linked_fleet_gateway.extensions.faults.kinds import SETTLING_S, SILENT_S
 from linked_fleet_gateway.extensions.faults.robots import (
     components_of,
     of_component,
@@ -69,7 +69,8 @@ class Watch:
     def _look_at(self, robot: Robot, now_ns: int) -> None:
         last_ns, name = robot.last_seen_ns, robot.name
         silent = last_ns is not None and now_ns - last_ns > SILENT_S * 1e9
-        seen = (robot.online, robot.news, silent)
+        strays = robot.moving and not self._is_commanded(robot, now_ns)
+        seen = (robot.online, robot.news, silent, strays)
         self._removed.discard(name)
         if seen != self._seen.get(name):
             if not robot.online or not self._seen.get(name, (False,))[0]:
@@ -77,11 +78,18 @@ class Watch:
             self._seen[name] = seen
             self._signals.show((name, PRESENCE), presence_of(robot, now_ns), now_ns)
             if robot.online:
-                self._signals.show((name, ROBOT), of_robot(robot), now_ns)
+                self._signals.show((name, ROBOT), of_robot(robot, strays), now_ns)
                 self.hear_values(name)
         if robot.online and now_ns - self._frames_ns.get(name, 0) > FRAMES_S * 1e9:
             self._frames_ns[name] = now_ns
             self._signals.show((name, FRAME), of_frame(robot), now_ns)
+
+    def _is_commanded(self, robot: Robot, now_ns: int) -> bool:
+        """Return True if the fleet moves a robot, or did so just before."""
+        invocations = self._core.live.invocations
+        last_ns = invocations.last_motion_ns(robot.name)
+        settling = last_ns is not None and now_ns - last_ns < SETTLING_S * 1e9
+        return settling or bool(invocations.open_of_robot(robot.name))
 
     def hear_values(self, name: str) -> None:
         """Look at the components of a robot, of which values may have changed."""

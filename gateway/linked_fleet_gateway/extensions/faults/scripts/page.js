@@ -67,7 +67,7 @@ function faultIn(graph, iri) {
   if (state === "faultCleared" || state === "faultRaised") return undefined;
   const said = (predicate) => graph.value(iri, predicate)?.value ?? "";
   const severity = localName(said(lf("severity")));
-  return { iri, title: said(TITLE), about: said(lf("about")), severity, waits: state === "faultConfirmed" };
+  return { iri, title: said(TITLE), about: said(lf("about")), severity, waits: state === "faultConfirmed" && severity !== "information" };
 }
 
 function rank({ severity }) {

@@ -12,7 +12,7 @@ import rdflib
 from rdflib import URIRef
 
 from browser import HYBRIT, LDP, LF
-from gateway_group import Gateway, gateways, hub
+from gateway_group import Gateway, Hub, gateways, hub
 from redis_servers import single
 from running import Process, eventually, process
 from small_fleet import live
@@ -25,7 +25,7 @@ RAD = "http://qudt.org/vocab/unit/RAD"
 class Scene:
     one: Gateway
     other: Gateway
-    endpoint: str
+    hub: Hub
     agent: Process
 
     def faults(self, gateway: Gateway | None = None) -> dict[str, dict[str, Any]]:
@@ -69,7 +69,7 @@ def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
         one, other = stack.enter_context(gateways(centre, memory.url))
         live(one.browser, "ur5")
         live(other.browser, "ur5")
-        yield Scene(one, other, centre.endpoint, agent)
+        yield Scene(one, other, centre, agent)
 
 
 def test_a_robot_that_goes_is_one_fault_at_all_gateways_until_it_is_back(scene: Scene) -> None:
@@ -85,7 +85,7 @@ def test_a_robot_that_goes_is_one_fault_at_all_gateways_until_it_is_back(scene: 
     scene.becomes("offline", "acknowledged")
     assert scene.faults()["offline"]["remark"] == "it is being serviced"
     assert scene.do("offline", "acknowledge") == 409
-    with process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", scene.endpoint):
+    with process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", scene.hub.endpoint):
         scene.becomes("offline", "cleared")
         assert scene.do("offline", "acknowledge") == 409
 
@@ -162,11 +162,32 @@ def test_a_failed_motion_is_a_fault_with_its_invocation(scene: Scene) -> None:
     assert said["count"] == 1
 
 
+def test_a_robot_that_moves_by_itself_is_told_of_and_one_that_is_moved_is_not(scene: Scene) -> None:
+    action = scene.one.browser.root + "ur5/wrist_3_joint/actions/rotate"
+    for angle in (0.5, 0.0, 0.5, 0.0):
+        answer = scene.one.browser.http.post(action, json={"value": angle, "unit": RAD}, headers={"prefer": "wait=20"})
+        assert answer.is_success, answer.text
+
+    def sways() -> bool:
+        scene.hub.steps = 50 - scene.hub.steps
+        scene.hub.repeat()
+        return "uncommanded" in scene.faults()
+
+    def told() -> bool:
+        return sways() and scene.state("uncommanded") == "confirmed"
+
+    eventually(told, lambda: f"the movement is told of: {scene.faults()}")
+    said = scene.faults()
+    assert set(said) == {"uncommanded"}
+    assert said["uncommanded"]["about"] == scene.one.browser.root + "toy/"
+    scene.becomes("uncommanded", "cleared")
+
+
 def test_faults_outlive_the_gateway_that_writes_them(scene: Scene) -> None:
     scene.agent.send(signal.SIGKILL)
     scene.becomes("offline", "confirmed", scene.other)
     scene.one.process.send(signal.SIGKILL)
-    with process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", scene.endpoint):
+    with process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", scene.hub.endpoint):
         scene.becomes("offline", "cleared", scene.other)
 
 

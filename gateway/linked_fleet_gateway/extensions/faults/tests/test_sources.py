@@ -69,6 +69,11 @@ def test_what_an_agent_says_of_itself_and_of_sensors(bench: Bench, here: Flappin
     assert "description" not in found
 
 
+def test_a_robot_that_moves_by_no_command(here: Flapping) -> None:
+    assert by_kind(of_robot(here.robot, strays=True))["uncommanded"].severity == "information"
+    assert not list(of_robot(here.robot, strays=False))
+
+
 def test_clocks_that_differ_and_efforts_above_the_declared_one(bench: Bench, here: Flapping) -> None:
     run, number = here.robot.incarnation or 0, here.robot.last_sequence() + 1
     state = State(
