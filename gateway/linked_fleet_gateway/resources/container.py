@@ -128,6 +128,12 @@ class Container(Generic[T]):
     def _is_visible(self, record: T, view: RequestView) -> bool:
         return self.visible is None or self.visible(record, view.visible_robots)
 
+    def own_actions(self, view: RequestView) -> "Iterator[tuple[Member[T], Sequence[Offer]]]":
+        """Yield each member that has actions of its own, with these."""
+        for each in self.members(view):
+            if offers := self.actions(each):
+                yield each, offers
+
     def member(self, view: RequestView, id: str) -> "Member[T] | None":
         """Return the member with this id; None if there is none."""
         record = self.records.known.get(id)
