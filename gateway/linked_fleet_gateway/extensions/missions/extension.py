@@ -121,7 +121,8 @@ def _missions(
         return all(map(sees.includes, targets.named_robots(mission)))
 
     def actions(member: Member[Mission]) -> list[Offer]:
-        return [run_offer(member.path, member.record, partial(_run, targets, engine, core, member.record))]
+        handler = partial(_run, targets, engine, core, member.record)
+        return [run_offer(member.path, member.record, handler, targets.possible_robots)]
 
     return Container(
         segment="missions", title="Missions", type=LF.MissionList, member_type=LF.Mission, records=table,

@@ -70,6 +70,16 @@ class Targets:
         paths = (path_in_fleet(each, self.core.public_urls) for each in _iris(mission))
         return frozenset(filter(None, (robot_of(each) for each in paths if each is not None))) - own
 
+    def possible_robots(self, mission: Mission) -> frozenset[str] | None:
+        """Return the robots that a mission may act on, also by missions that it runs; None if that is not known."""
+        try:
+            all_ = (mission, *self._nested(mission, ()))
+        except UnprocessableContent:  # a circle, so it cannot run as it is
+            return None
+        if any(isinstance(step.of, Variable) for each in all_ for step in invoked(each)):
+            return None
+        return frozenset().union(*map(self.named_robots, all_))
+
     def check_nesting(self, path: str, mission: Mission) -> None:
         """Raise UnprocessableContent if a mission would run itself by its steps, or missions are nested too deep."""
         self._nested(mission, (path,))

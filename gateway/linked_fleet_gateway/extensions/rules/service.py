@@ -140,12 +140,16 @@ class Rules:
 
     def _moves(self, rule: Rule, robots: Collection[str] | None) -> bool:
         """Return True if the rule could move one of these robots. A rule that only stops robots cannot."""
-        if rule.variable is not None:
-            return robots is None or any(map(rule.view.includes, robots))
-        found = self._live.tree(rule.base).resolve(rule.invokes)
-        if isinstance(found, Resource) and isinstance(found.affords, Invoke) and found.affords.offer.is_stop:
+        found = None if rule.variable is not None else self._live.tree(rule.base).resolve(rule.invokes)
+        offer = found.affords.offer if isinstance(found, Resource) and isinstance(found.affords, Invoke) else None
+        if offer is not None and offer.is_stop:
             return False
-        return robots is None or rule.robot in robots
+        if robots is None:
+            return True
+        moved = {rule.robot} if offer is None else offer.robots
+        if rule.variable is not None or moved is None:
+            return any(map(rule.view.includes, robots))
+        return not moved.isdisjoint(robots)
 
     async def _disable(self, id: str) -> None:
         while (reason := self._stopping.get(id)) is not None:
