@@ -13,7 +13,7 @@ from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS
 from linked_fleet_gateway.resources.action_offer import Offer, offers_of
 from linked_fleet_gateway.resources.action_tree import resolve_action
-from linked_fleet_gateway.resources.affordance import FORM_TYPES
+from linked_fleet_gateway.resources.affordance import FORM_TYPES, NOTHING, Demand, Honours
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.form import Form
@@ -281,6 +281,7 @@ class AddMember(_OfContainer):
     """Add a member to a container."""
 
     methods: ClassVar[tuple[str, ...]] = ("POST",)
+    honours: ClassVar[Honours] = frozenset({Demand.DRY_RUN})
 
 
 @dataclass(frozen=True)
@@ -289,6 +290,7 @@ class ChangeMember(_OfContainer):
 
     id: str
     methods: ClassVar[tuple[str, ...]] = ("PUT", "PATCH", "DELETE")
+    honours: ClassVar[Honours] = frozenset({Demand.DRY_RUN})
 
 
 @dataclass(frozen=True)
@@ -296,3 +298,4 @@ class RemoveMember(ChangeMember):
     """Delete a member of a container that clients do not write."""
 
     methods: ClassVar[tuple[str, ...]] = ("DELETE",)
+    honours: ClassVar[Honours] = NOTHING
