@@ -13,10 +13,12 @@ import httpx
 import pyshacl
 import pytest
 import rdflib
+from jsonschema import Draft202012Validator
 
 from browser import HYBRIT, LF, SH
 from commanding import control, put
 from gateway_group import Gateway, Hub, gateways, hub
+from linked_fleet_gateway.extensions.missions.schema import SCHEMA
 from redis_servers import Servers, single
 from rules_client import sides
 from running import eventually, process
@@ -206,6 +208,7 @@ def test_a_mission_can_be_sent_back_as_it_is_served(scene: Scene) -> None:
     )
     http = scene.one.browser.http
     said = http.get(mission, headers={"accept": "application/json"}).json()
+    Draft202012Validator(SCHEMA).validate(said)
     turtle = http.get(mission, headers={"accept": "text/turtle"}).text
     answer = http.put(mission, content=turtle, headers={"content-type": "text/turtle"})
     assert answer.status_code == 204, answer.text
