@@ -27,6 +27,7 @@ from linked_fleet_client.web import parse_rdf
 
 Source = Graph | Mapping[str, Any] | Path
 OVER = frozenset({"succeeded", "failed", "cancelled"})
+_JSON = "json:"  # precedes JSON in attributes of behavior trees
 _NO_RUN = "the server links no record of the run, so its steps cannot be read or changed"
 
 
@@ -207,8 +208,14 @@ def _title_in(body: bytes, media_type: str) -> str | None:
         root = ElementTree.fromstring(body)  # noqa: S314 (a file of the user's own)
     except (ValueError, RecursionError, ElementTree.ParseError) as error:
         raise InvalidInput([f"the mission cannot be read: {error}"]) from error
-    tree = root.find("BehaviorTree")
-    return root.get("main_tree_to_execute") or (None if tree is None else tree.get("ID"))
+    main = root.get("main_tree_to_execute")
+    trees = [each for each in root.iter("BehaviorTree") if main in (None, each.get("ID"))]
+    return _title_of_tree(trees[0]) if trees else None
+
+
+def _title_of_tree(tree: ElementTree.Element) -> str | None:
+    said = tree.get("_description") or tree.get("ID")
+    return str(json.loads(said[len(_JSON) :])) if said and said.startswith(_JSON) else said
 
 
 def _title_in_graph(graph: Graph) -> str | None:

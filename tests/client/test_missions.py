@@ -156,6 +156,21 @@ def test_the_command_checks_imports_and_exports(here: Fleet, file: Path) -> None
     assert code == 0 and "lf:SequenceStep" in out
 
 
+def test_a_behavior_tree_is_a_file_of_a_mission(here: Fleet, tmp_path: Path) -> None:
+    added = here.missions.add(nod(here, title="5 {nods}"))
+    code, out, _ = command(here, "export", "5 {nods}", "--format", "xml")
+    assert code == 0 and '<BehaviorTree ID="5_nods"' in out
+    file = tmp_path / "nod.xml"
+    file.write_text(out)
+    before = added.definition()
+    assert command(here, "import", str(file))[1].strip() == str(added.iri)
+    assert added.definition() == before
+    code, out, _ = command(here, "run", str(file), "angle=0.2")
+    assert code == 0, out
+    file.write_text("<root")
+    assert "cannot be read" in command(here, "run", str(file))[2]
+
+
 def test_the_command_says_what_is_wrong_with_a_file(here: Fleet, tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.json"
     for text, said in (("{", "cannot be read"), ("{}", "no title"), ('{"title": "x", "step": {"type": "x"}}', "'x'")):

@@ -26,7 +26,7 @@ from linked_fleet_gateway.resources.resource import Resource
 async def add_member(request: Request, afforded: AddMember) -> Response:
     """Create a member. The response is 201 with Location and description; 204 if it was only checked (dry-run)."""
     container = afforded.container
-    check_acceptable(request, (JSON,))
+    check_acceptable(request, (JSON, *container.formats))
     iri = request.base + container.path
     triples = await _read(request, container, iri)
     record = await _record(request, container, triples, iri)
@@ -122,5 +122,8 @@ def _apart(
 
 
 async def _read(request: Request, container: Container[Any], iri: str) -> list[Triple]:
-    media_type, form = body_type(request, FORM_TYPES), partial(container.form_at, iri)
+    media_type, form = body_type(request, (*FORM_TYPES, *container.formats)), partial(container.form_at, iri)
+    if media_type in container.formats:
+        own, _ = container.formats[media_type]
+        return await convert_body(request, lambda content: own(content, iri))
     return await convert_body(request, lambda content: parse_form(content, media_type, iri, request.base, form))

@@ -209,6 +209,11 @@ def _triples(content: bytes, iri: str, most: int) -> list[Triple]:
         raise UnprocessableContent(f"The mission is not usable: {error}", constraint=iri) from error
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise BadRequest(f"The body is no JSON: {error}") from error
+    return triples_of_mission(mission)
+
+
+def triples_of_mission(mission: Mission) -> list[Triple]:
+    """Return what a client could have sent in RDF."""
     graph = Graph()
     root = graph.blank()
     graph.add(root, DCTERMS.title, Literal(mission.title))

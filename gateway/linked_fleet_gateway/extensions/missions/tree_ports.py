@@ -5,8 +5,6 @@ import re
 from collections.abc import Mapping
 from typing import Any, Final
 
-from linked_fleet_gateway.extensions.missions.mission import Parameter
-
 MEDIA_TYPE: Final = "application/vnd.behaviortree+xml"
 FORMAT: Final = "4"
 JSON: Final = "json:"
@@ -81,8 +79,3 @@ def default_of(text: str, type_: str) -> float | bool | str:
     if not isinstance(value, int | float | str):
         raise PortError(f"the default {text[:60]!r} is no value of the type {type_}")
     return value
-
-
-def default_text(parameter: Parameter) -> str:
-    """Return the default of a parameter as ``default_of`` reads it."""
-    return port_of(parameter.default)
