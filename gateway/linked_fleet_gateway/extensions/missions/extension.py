@@ -53,6 +53,7 @@ from linked_fleet_gateway.extensions.missions.tree_reading import read_tree
 from linked_fleet_gateway.extensions.missions.tree_writing import write_tree
 from linked_fleet_gateway.extensions.missions.values import Value
 from linked_fleet_gateway.extensions.query.service import Queries
+from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.faces import Identity, Offer, Tree, View
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.serving import Caller
@@ -98,6 +99,7 @@ class MissionsExtension(Extension):
         async with runs:
             conditions = Conditions(core.service(Queries))
             known = Runs(runs)
+            core.service(Rules).count_steps(known.steps_of)
             engine = Engine(core, known, Steps(core, known, targets, conditions))
             engines.append(engine)
             make = partial(_missions, targets, conditions, engine, core)

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Awaitable, Callable, Collection, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
@@ -84,6 +84,13 @@ class Rules:
     def serving(self) -> bool:
         """True if this gateway evaluates the rules."""
         return self._awaited is not None and not self._awaited
+
+    def count_steps(self, steps_of: Callable[[str], Iterable[str]]) -> None:
+        """Let motions count for a rule that are steps of what it has begun, such as a run of a mission.
+
+        ``steps_of`` returns the ids of the invocations that are steps of an invocation.
+        """
+        self._engine.steps_of = steps_of
 
     @property
     def loops(self) -> int:

@@ -49,8 +49,8 @@ def turn(root: Browser, angle: float) -> None:
     assert move(root, action, angle, prefer="wait=20").status_code == 204
 
 
-def mission(browser: Browser, robot: str = SEEN, **more: Any) -> str:
-    action = f"{browser.root}{robot}/wrist_3_joint/actions/rotate"
+def mission(browser: Browser, joint: str = "wrist_3_joint", **more: Any) -> str:
+    action = f"{browser.root}{SEEN}/{joint}/actions/rotate"
     step = {"type": "invoke", "action": action, "body": {"value": {"variable": "angle"}, "unit": RAD}}
     parameter = {"name": "angle", "type": "number", "minimum": -1, "maximum": 1, **more}
     given = {"title": "turn", "parameters": [parameter], "step": step}
@@ -59,9 +59,11 @@ def mission(browser: Browser, robot: str = SEEN, **more: Any) -> str:
     return answer.headers["location"]
 
 
-def rule(browser: Browser, mission: str, body: str = "") -> str:
-    """Write a rule that runs a mission when the joint is on another side."""
+def rule(browser: Browser, mission: str, body: str = "", holds: str = "") -> str:
+    """Write a rule that runs a mission when the joint is on another side, or when the angle ?x is so."""
     condition = sides(browser.part(SEEN, "wrist_2_joint").url)
+    if holds:
+        condition = condition.replace("BIND(?x / 10 AS ?target)", f"FILTER({holds})").replace("?side ?target", "?side")
     iri = posted(browser, a_rule(condition, f"{mission}/actions/run", body, BY_SIDE))
     reaches(browser, iri, LF.active)
     return iri
@@ -137,3 +139,15 @@ def test_a_stop_of_a_robot_disables_rules_that_move_it_by_missions(
     assert str(writer.page(iri).one(LF.reason)) == f"disabled because {SEEN} was stopped"
     assert put(writer, iri, "lf:enabled false", "lf:enabled true").status_code == 204
     reaches(root, iri, LF.active)
+
+
+def test_a_rule_causes_what_the_motions_of_its_missions_fulfil(root: Browser, writer: Browser) -> None:
+    turn(root, 0.2)
+    low, other = mission(writer, "wrist_2_joint", default=0.0), mission(writer, default=0.2)
+    first, second = rule(writer, low, holds="?x > 0.3"), rule(writer, other, holds="?x < 0.1")
+    turn(root, 0.5)
+    fired(root, second, 1)
+    causes = [
+        set(map(str, root.page(f"{each}/firings/1").graph.objects(None, LF.causedBy))) for each in (first, second)
+    ]
+    assert causes == [set(), {first}]
