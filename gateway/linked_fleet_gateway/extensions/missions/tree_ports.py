@@ -1,6 +1,7 @@
 """Ports of BehaviorTree.CPP 4: attributes whose text is a value, an entry of the blackboard, or JSON. Pure."""
 
 import json
+import math
 import re
 from collections.abc import Mapping
 from typing import Any, Final
@@ -42,13 +43,24 @@ def entry_of(text: str, port: str = "") -> str | None:
 
 
 def value_of(text: str) -> Any:
-    """Return the JSON value of a port: a number, true, false, JSON after ``json:``, or else a text."""
-    if text.startswith(JSON):
-        try:
-            return json.loads(text.removeprefix(JSON))
-        except (ValueError, RecursionError) as error:
-            raise PortError(f"{text[:60]!r} has no JSON after {JSON}: {error}") from error
-    return json.loads(text) if _NUMBER.fullmatch(text) or text in ("true", "false") else text
+    """Return the JSON of a port: a number, true, false, what follows ``json:``, or else a text. Raises PortError."""
+    is_json = text.startswith(JSON)
+    if not is_json and not _NUMBER.fullmatch(text) and text not in ("true", "false"):
+        return text
+    try:
+        value = json.loads(text.removeprefix(JSON), parse_constant=_finite, parse_float=_finite)
+        json.dumps(value, ensure_ascii=False).encode()  # JSON can have half of a character, and no other text
+    except (ValueError, RecursionError) as error:
+        what = f"has no JSON after {JSON}" if is_json else "is no number"
+        raise PortError(f"{text[:60]!r} {what}: {error}") from error
+    return value
+
+
+def _finite(text: str) -> float:
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text[:20]} is not finite")
+    return number
 
 
 def text_of(text: str) -> str:

@@ -2,6 +2,7 @@
 
 import string
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import msgspec
 import pytest
@@ -24,6 +25,7 @@ from linked_fleet_gateway.extensions.missions.mission import (
     Wait,
     walk,
 )
+from linked_fleet_gateway.extensions.missions.reading import check
 from linked_fleet_gateway.extensions.missions.tree_reading import read_tree
 from linked_fleet_gateway.extensions.missions.tree_writing import write_tree
 
@@ -133,6 +135,9 @@ def test_subtrees_take_the_place_of_their_calls() -> None:
         (ROTATE.replace("{angle}", "{angel}"), "{angel} has no value"),
         (ROTATE.replace("{angle}", "{@angle}"), "neither the name of a parameter"),
         (ROTATE.replace("{angle}", "json:{"), "no JSON after json:"),
+        (ROTATE.replace("{angle}", "1e999"), "1e999 is not finite"),
+        (ROTATE.replace("{angle}", "json:[NaN]"), "NaN is not finite"),
+        (ROTATE.replace("{angle}", "json:&quot;\\ud800&quot;"), "surrogates not allowed"),
         (ROTATE.replace("/>", ' body="json:{}"/>'), "the port body"),
         (ROTATE.replace("/>", f">{ROTATE}</Action>"), "is a leaf"),
         (ROTATE.replace("/ur5/elbow/actions/rotate", "{who}"), "action takes no parameter"),
@@ -241,3 +246,78 @@ def test_a_mission_is_the_same_after_it_was_a_tree(tree: Step, title: str, holds
     mission = Mission(title, named, (*PARAMETERS, text), holds)
     assert read_tree(write_tree(mission), BASE) == mission
     assert len(list(walk(mission.step))) >= 3
+
+
+TAGS = st.sampled_from(
+    [
+        "Sequence",
+        "Fallback",
+        "Parallel",
+        "Repeat",
+        "Sleep",
+        "Delay",
+        "SubTree",
+        "Action",
+        "Condition",
+        "Inverter",
+        "x:y",
+        "Wait",
+    ]
+)
+ATTRIBUTES = st.sampled_from(
+    [
+        "ID", "name", "action", "kind", "of", "body", "triples", "_description", "_autoremap", "_skipIf", "num_cycles",
+        "msec", "delay_msec", "success_count", "failure_count", "text", "seconds", "condition", "within", "until",
+    ]
+)  # fmt: skip
+PORTS = TEXTS | st.sampled_from(
+    [
+        "Main",
+        "Sub",
+        "Wait",
+        "Notify",
+        "{angle}",
+        "{=}",
+        "{@a}",
+        "{",
+        "json:",
+        "json:{}",
+        "json:[[",
+        "-1",
+        "2",
+        "1e999",
+        "/a",
+        "true",
+    ]
+)
+ELEMENTS = st.recursive(
+    st.tuples(TAGS, st.dictionaries(ATTRIBUTES, PORTS, max_size=4), st.just(())),
+    lambda inner: st.tuples(
+        TAGS, st.dictionaries(ATTRIBUTES, PORTS, max_size=3), st.lists(inner, max_size=3).map(tuple)
+    ),
+    max_leaves=10,
+)
+
+
+def xml(element: Any) -> str:
+    tag, attributes, below = element
+    said = "".join(f" {name}={quoteattr(text)}" for name, text in attributes.items())
+    return f"<{tag}{said}>{''.join(map(xml, below))}</{tag}>"
+
+
+@given(ELEMENTS, ELEMENTS)
+def test_any_tree_is_a_mission_or_refused(main: Any, sub: Any) -> None:
+    content = document(xml(main), f'<BehaviorTree ID="Sub">{xml(sub)}</BehaviorTree>{MODEL}')
+    try:
+        mission = read_tree(content, BASE)
+        check(mission)
+    except (BadRequest, UnprocessableContent) as refused:
+        assert refused.detail
+    else:
+        assert read_tree(write_tree(mission), BASE) == mission
+
+
+@given(st.binary(max_size=200) | st.text(max_size=200).map(str.encode))
+def test_any_bytes_are_refused(content: bytes) -> None:
+    with pytest.raises((BadRequest, UnprocessableContent)):
+        read_tree(content, BASE)
