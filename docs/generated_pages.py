@@ -31,9 +31,10 @@ def contract_modules() -> tuple[str, ...]:
 
 
 _API = {
-    "The client": ("linked_fleet_client.fleet", "linked_fleet_client.reading",
-                   "linked_fleet_client.quantity", "linked_fleet_client.live", "linked_fleet_client.action",
-                   "linked_fleet_client.form", "linked_fleet_client.invocation", "linked_fleet_client.errors"),
+    "The client": ("linked_fleet_client.fleet", "linked_fleet_client.thing", "linked_fleet_client.mission",
+                   "linked_fleet_client.reading", "linked_fleet_client.quantity", "linked_fleet_client.live",
+                   "linked_fleet_client.action", "linked_fleet_client.form", "linked_fleet_client.invocation",
+                   "linked_fleet_client.errors"),
     "Drivers of robots": ("linked_fleet_agent.robot", "linked_fleet_agent.agent", "linked_fleet_agent.serving",
                           "linked_fleet_agent.settings", "linked_fleet_agent.mesh_files", "linked_fleet_agent.urdf",
                           "linked_fleet_agent.components", "linked_fleet_agent.components.component",

@@ -211,3 +211,8 @@ def test_resources_without_event_streams_are_polled(elbow: Thing) -> None:
     changes = list(elbow.properties["angle"].subscribe(timeout_s=0.2))
     assert [change.reading.main.number for change in changes if change.reading.main] == [12.5]
     assert changes[0].resource == URIRef(elbow.properties["angle"].iri)
+
+
+def test_a_server_without_missions_is_told(fleet: Fleet) -> None:
+    with pytest.raises(Unsupported, match="links no missions"):
+        _ = fleet.missions

@@ -1,5 +1,6 @@
 """The programs of examples/, run as their page says, against the demo as shipped."""
 
+import base64
 import json
 import os
 import re
@@ -11,10 +12,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from demonstration import Demo, running_demo
 from driver_contract import check_driver
 from linked_fleet_client.fleet import Fleet
+from linked_fleet_client.vocabulary import LF, local_name
 from running import PATIENCE_S, ROOT, eventually
 from small_fleet import Place, live
 from wot import HERE as NEIGHBOURS
@@ -123,6 +126,50 @@ def test_the_flow_turns_one_robot_when_another_passes_an_angle(demo: Demo) -> No
             eventually(lambda: abs(abs(_angle(fleet, _FOLLOWER)) - 0.3) < 0.01, "the other has turned")
         finally:
             program.end(signal.SIGTERM)
+
+
+def _ended(*command: str | Path) -> str:
+    """Run an example to its end, and return what it has said."""
+    done = subprocess.run(command, cwd=ROOT, check=False, capture_output=True, text=True, timeout=PATIENCE_S * 4)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_two_arms_pick_and_place_and_a_person_looks(demo: Demo) -> None:
+    said = _ended(sys.executable, EXAMPLES / "two_arms.py", demo.root)
+    for who in ("panda", "baxter"):
+        assert f"succeeded  {who} grasps it" in said and f"succeeded  {who} lets go" in said
+    assert "succeeded  Are the parts there?" in said
+    with Fleet(demo.root) as fleet:
+        assert [each.title for each in fleet.missions].count("Two arms pick and place") == 1
+
+
+def test_a_patrol_has_a_picture_of_each_place_in_its_recording(demo: Demo, tmp_path: Path) -> None:
+    path = tmp_path / "patrol.mcap"
+    assert "succeeded: 3 pictures" in _ended(sys.executable, EXAMPLES / "patrol.py", demo.root, path)
+    with path.open("rb") as file:
+        messages = [json.loads(message.data) for _, _, message in make_reader(file).iter_messages()]
+    assert [base64.b64decode(each["data"])[:2] for each in messages] == [b"\xff\xd8"] * 3
+    assert len({each["data"] for each in messages}) == 3
+
+
+def test_a_robot_charges_when_its_battery_falls_below_a_level(demo: Demo) -> None:
+    """The level is the present one, below which the battery is within a minute."""
+    with Fleet(demo.root) as fleet:
+        battery = fleet.at("tiago/battery").properties["charge"]
+        level = f"{battery.value.number:g}"
+        _ended(sys.executable, EXAMPLES / "charge.py", demo.root, level, level)
+        mission = fleet.missions.parts["tiago charges"]
+
+        def states() -> list[str]:
+            graph = fleet["missionRuns"].read().graph
+            runs = graph.subjects(LF.mission, mission.iri)
+            return [local_name(str(graph.value(each, LF.state))) for each in runs]
+
+        for _ in fleet["missionRuns"].subscribe(timeout_s=PATIENCE_S * 4):
+            if "succeeded" in states():
+                break
+        assert states() == ["succeeded"]
 
 
 def test_a_robot_with_a_driver_of_its_own_joins_and_moves(tmp_path: Path) -> None:

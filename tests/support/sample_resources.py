@@ -16,7 +16,7 @@ from linked_fleet_gateway.extensions.models.resources import BRANCHES as MODELS
 from linked_fleet_gateway.extensions.pages.branches import ASSETS
 from linked_fleet_gateway.extensions.rules.description import branch as rules_branch
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
-from linked_fleet_gateway.extensions.things.directory import BRANCHES as THINGS
+from linked_fleet_gateway.extensions.things.directory import branches as things
 from linked_fleet_gateway.extensions.world.collisions import Collision
 from linked_fleet_gateway.extensions.world.floor_map import ID as MAP_ID
 from linked_fleet_gateway.extensions.world.floor_map import FloorMap
@@ -151,7 +151,7 @@ def tree() -> Tree:
         ]
     }
     branches = NO_BRANCHES.with_branches(
-        *THINGS,
+        *things(),
         *MODELS,
         rules_branch(rules),
         FleetBranch(WORLD[1:], LF.world, lambda view, rest: resolve_world(view, rest, objects, _collisions(), maps)),

@@ -7,5 +7,6 @@ readers. The package needs the standard library only.
 from linked_fleet_agent.urdf.document import UrdfError, decode, parse
 from linked_fleet_agent.urdf.facts import JointFacts, joints_of
 from linked_fleet_agent.urdf.model import RobotModel
+from linked_fleet_agent.urdf.xml import XmlError, XmlReader
 
-__all__ = ["JointFacts", "RobotModel", "UrdfError", "decode", "joints_of", "parse"]
+__all__ = ["JointFacts", "RobotModel", "UrdfError", "XmlError", "XmlReader", "decode", "joints_of", "parse"]

@@ -8,14 +8,13 @@ import codecs
 import logging
 import re
 from typing import Final
-from xml.etree.ElementTree import Element, TreeBuilder
+from xml.etree.ElementTree import Element
 from xml.parsers import expat
+
+from linked_fleet_agent.urdf.xml import MAX_CHARACTERS, XmlError, XmlReader
 
 _log = logging.getLogger(__name__)
 
-MAX_CHARACTERS: Final = 8_000_000
-MAX_DEPTH: Final = 64
-MAX_ELEMENTS: Final = 50_000
 _MARKS: Final = (
     (codecs.BOM_UTF8, "utf-8-sig"),
     (codecs.BOM_UTF16_LE, "utf-16"),
@@ -62,80 +61,30 @@ def parse(text: str) -> Element:
     """
     if len(text) > MAX_CHARACTERS:
         raise UrdfError(f"the description has {len(text)} characters; at most {MAX_CHARACTERS} are read")
-    reader = _Reader()
     try:
-        reader.read(text)
-    except expat.ExpatError:
-        # Two hyphens in a comment are common, and well-formed to the readers of ROS.
-        reader = _Reader()
-        reader.read_or_refuse(_COMMENT.sub(_blank, text))
-    root = reader.builder.close()
+        root, reader = _read(text)
+    except XmlError as error:
+        raise UrdfError(str(error)) from error
     if root.tag != "robot":
         raise UrdfError(f"the root element is <{root.tag[:40]}>, not <robot>")
-    _refuse_xacro(root, reader.xacro_prefixes)
+    xacro = {prefix for prefix, iri in reader.namespaces.items() if iri.rstrip("/").endswith("xacro")}
+    _refuse_xacro(root, {"xacro", *xacro})
     _drop_foreign(root)
     return root
 
 
+def _read(text: str) -> tuple[Element, XmlReader]:
+    reader = XmlReader("URDF")
+    try:
+        return reader.read(text), reader
+    except expat.ExpatError:
+        # Two hyphens in a comment are common, and well-formed to the readers of ROS.
+        reader = XmlReader("URDF")
+        return reader.read_or_refuse(_COMMENT.sub(_blank, text)), reader
+
+
 def _blank(comment: re.Match[str]) -> str:
     return "\n" * comment[0].count("\n")
-
-
-class _Reader:
-    """Builds the tree of one text, without namespaces, comments and text between elements."""
-
-    def __init__(self) -> None:
-        self.builder = TreeBuilder()
-        self.xacro_prefixes = {"xacro"}
-        self._depth = self._elements = 0
-        # The text is decoded already, so the encoding in its declaration has no meaning any more.
-        self._parser = expat.ParserCreate("utf-8")
-        self._parser.StartElementHandler = self._start
-        self._parser.EndElementHandler = self._end
-        self._parser.StartDoctypeDeclHandler = self._refuse_doctype
-
-    def read(self, text: str) -> None:
-        """Read all of the text. Raises ExpatError for XML that is not well-formed, UrdfError for other faults."""
-        start = text.lstrip("\ufeff \t\r\n")
-        skipped = text.count("\n", 0, len(text) - len(start))
-        try:
-            self._parser.Parse(start.rstrip("\x00 \t\r\n"), True)
-        except expat.ExpatError as error:
-            error.lineno += skipped
-            raise
-        except UnicodeEncodeError as error:
-            raise UrdfError(f"the URDF is no text that XML allows: {error}") from error
-        finally:
-            # They refer to this reader, which refers to the parser: without the cycle, memory is free at once.
-            self._parser.StartElementHandler = self._parser.EndElementHandler = None
-
-    def read_or_refuse(self, text: str) -> None:
-        try:
-            self.read(text)
-        except expat.ExpatError as error:
-            reason = expat.ErrorString(error.code)
-            where = f"in line {error.lineno}, column {error.offset + 1}"
-            raise UrdfError(f"the URDF is no well-formed XML: {reason} {where}") from error
-
-    def _start(self, tag: str, attributes: dict[str, str]) -> None:
-        self._depth += 1
-        self._elements += 1
-        if self._depth > MAX_DEPTH:
-            raise UrdfError(f"its elements are nested deeper than {MAX_DEPTH} levels")
-        if self._elements > MAX_ELEMENTS:
-            raise UrdfError(f"it has more than {MAX_ELEMENTS} elements")
-        for name, value in attributes.items():
-            if name.startswith("xmlns:") and value.rstrip("/").endswith("xacro"):
-                self.xacro_prefixes.add(name[6:])
-        self.builder.start(tag, attributes)
-
-    def _end(self, tag: str) -> None:
-        self._depth -= 1
-        self.builder.end(tag)
-
-    @staticmethod
-    def _refuse_doctype(*_: object) -> None:
-        raise UrdfError("the URDF declares a document type or an entity, which no URDF needs and this reader refuses")
 
 
 def _refuse_xacro(root: Element, prefixes: set[str]) -> None:

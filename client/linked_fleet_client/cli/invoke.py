@@ -8,7 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping, Sequence
 from copy import copy
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 
@@ -24,6 +24,7 @@ from linked_fleet_client.quantity import Quantity
 from linked_fleet_client.reading import Value
 from linked_fleet_client.vocabulary import LF, local_name
 
+T = TypeVar("T", bound=Invocation)
 _STEP = re.compile(r"([^.\[\]]+)(?:\[(\d{1,3})\])?")
 
 
@@ -121,7 +122,7 @@ def do(
         except KeyboardInterrupt:
             print("interrupted before the server answered: the action may have begun", file=sys.stderr)
             raise
-        return _follow(run, seconds, session.json) if wait else _print(run, session.json)
+        return follow(run, seconds, session.json) if wait else print_outcome(run, session.json)
 
 
 def _action(fleet: Fleet, path: str, name: str) -> Action:
@@ -151,7 +152,7 @@ def stop(session: Session, path: str, wait: bool, seconds: float | None) -> int:
         if len(found) != 1:
             raise NoSuchThing(f"{here.name} has {len(found)} actions that stop it", [each.name for each in actions])
         run = found[0]()
-        return _follow(run, seconds, session.json) if wait else _print(run, session.json)
+        return follow(run, seconds, session.json) if wait else print_outcome(run, session.json)
 
 
 def _rehearse(action: Action, arguments: dict[str, object], as_json: bool) -> int:
@@ -164,38 +165,44 @@ def _rehearse(action: Action, arguments: dict[str, object], as_json: bool) -> in
     return 0
 
 
-def _follow(run: Invocation, seconds: float | None, as_json: bool) -> int:
+def follow(run: Invocation, seconds: float | None, as_json: bool) -> int:
     """Wait for the end; Ctrl-C cancels the invocation first."""
     if not run.has_location:
-        return _print(run, as_json)
+        return print_outcome(run, as_json)
     bar = _Bar(sys.stderr.isatty() and not as_json)
     try:
-        state = _wait(run, seconds or math.inf, bar.show)
-    except KeyboardInterrupt:
-        bar.end()
-        print("stopping it ...", file=sys.stderr)
-        run = copy(run)  # the thread still reads into the other one
-        state = _cancel(run)
+        run, state = wait_or_cancel(run, lambda: run.wait(seconds or math.inf, bar.show), bar.end)
     finally:
         bar.end()
-    _print(run, as_json)
+    print_outcome(run, as_json)
     return 0 if state == local_name(str(LF.succeeded)) else 1
 
 
-def _wait(run: Invocation, seconds: float, on_change: Callable[[Change], object]) -> str | None:
-    """Wait for the end in a thread.
+def wait_or_cancel(run: T, wait: Callable[[], str | None], end_output: Callable[[], None]) -> tuple[T, str | None]:
+    """Wait for the end of an invocation; Ctrl-C cancels it first. Return it, to be read further, and its last state."""
+    try:
+        return run, _in_thread(wait, f"wait for {run.iri}")
+    except KeyboardInterrupt:
+        end_output()
+        print("stopping it ...", file=sys.stderr)
+        run = copy(run)  # the thread still reads into the other one
+        return run, _cancel(run)
+
+
+def _in_thread(wait: Callable[[], str | None], name: str) -> str | None:
+    """Wait in a thread.
 
     A KeyboardInterrupt within a request could leave the client's connections locked, and nothing could be cancelled.
     """
     outcomes: list[str | BaseException | None] = []
 
-    def wait() -> None:
+    def work() -> None:
         try:
-            outcomes.append(run.wait(seconds, on_change))
+            outcomes.append(wait())
         except BaseException as error:  # noqa: BLE001 - raised below
             outcomes.append(error)
 
-    thread = threading.Thread(target=wait, name=f"wait for {run.iri}", daemon=True)
+    thread = threading.Thread(target=work, name=name, daemon=True)
     thread.start()
     while thread.is_alive():
         thread.join(_LOOK_S)  # the signal may reach the other thread, and does not end this wait then
@@ -216,7 +223,7 @@ def _cancel(run: Invocation) -> str | None:
     return None
 
 
-def _print(run: Invocation, as_json: bool) -> int:
+def print_outcome(run: Invocation, as_json: bool) -> int:
     said = invocation(run)
     if as_json:
         print(output.as_json(said))

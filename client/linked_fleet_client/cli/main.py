@@ -11,6 +11,7 @@ import click
 from linked_fleet_client.cli import output, programs
 from linked_fleet_client.cli.description import get, ls
 from linked_fleet_client.cli.invoke import BadArgument, do, stop
+from linked_fleet_client.cli.mission import mission
 from linked_fleet_client.cli.options import Session, add_common_options, completion
 from linked_fleet_client.cli.watch import watch
 from linked_fleet_client.errors import BadAnswer, ClientError, NoSuchThing, Problem, Unreachable
@@ -62,7 +63,7 @@ def cli() -> None:
     """
 
 
-for _command in (ls, get, watch, do, stop, completion):
+for _command in (ls, get, watch, do, stop, mission, completion):
     cli.add_command(_command)
 
 

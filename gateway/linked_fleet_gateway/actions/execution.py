@@ -64,9 +64,12 @@ async def rehearse(
 async def invoke(
     actions: Actions, offer: Offer, base: str, caller: Caller, statements: Sequence[Triple], moment: RobotTime | None
 ) -> Invocation:
-    """Invoke an action by the statements of its body, whose IRIs begin with ``base``. Raises FleetError."""
+    """Invoke an action by the statements of its body, whose IRIs begin with ``base``. Raises FleetError.
+
+    Without any statement an action whose body is optional gets none.
+    """
     body = empty_body(offer, base)
-    if offer.takes_body:
+    if offer.takes_body and (statements or not offer.body_is_optional):
         body = validate_action_body(offer, statements, base)
         caller = replace(caller, body=input_ntriples(body))
     return await carry_out(actions, offer, await make_plan(actions, offer, base, body, moment), caller)

@@ -8,8 +8,9 @@ from typing import Any
 from pyoxigraph import BlankNode, NamedNode, Triple
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import Conflict, NotFound
+from linked_fleet_gateway.base.errors import BadRequest, Conflict, NotFound
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
+from linked_fleet_gateway.http.fields import field, parse_prefer
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import check_acceptable, created_response, read_change
@@ -23,12 +24,15 @@ from linked_fleet_gateway.resources.resource import Resource
 
 
 async def add_member(request: Request, afforded: AddMember) -> Response:
-    """Create a member. The response is 201 with Location and description."""
+    """Create a member. The response is 201 with Location and description; 204 if it was only checked (dry-run)."""
     container = afforded.container
-    check_acceptable(request, (JSON,))
+    check_acceptable(request, (JSON, *container.formats))
     iri = request.base + container.path
     triples = await _read(request, container, iri)
-    id = await container.records.add(await _record(request, container, triples, iri))
+    record = await _record(request, container, triples, iri)
+    if _is_dry_run(request):
+        return _checked()
+    id = await container.records.add(record)
     found = request.tree().resolve(container.member_path(id))
     if not isinstance(found, Resource):
         raise NotFound("It was deleted at once.")
@@ -36,7 +40,9 @@ async def add_member(request: Request, afforded: AddMember) -> Response:
 
 
 async def change_member(request: Request, afforded: ChangeMember) -> Response:
-    """Replace, patch or delete a member. The response is 204."""
+    """Replace, patch or delete a member, or only check what would replace it (dry-run). The response is 204."""
+    if (dry_run := _is_dry_run(request)) and request.method == "DELETE":
+        raise BadRequest("A deletion cannot be rehearsed; it is done without Prefer: dry-run. Nothing has changed.")
     container, id = afforded.container, afforded.id
     change, path = await _change(request, container, request.base + container.member_path(id)), request.scope["path"]
     while True:
@@ -46,8 +52,19 @@ async def change_member(request: Request, afforded: ChangeMember) -> Response:
             raise NotFound("It has been deleted meanwhile.")
         if request.method == "DELETE":
             await _end_actions(request, container, id)
-        if await container.records.change(id, await change(present)):
+        record = await change(present)
+        if dry_run:
+            return _checked()
+        if await container.records.change(id, record):
             return Response(status_code=204)
+
+
+def _is_dry_run(request: Request) -> bool:
+    return parse_prefer(field(request, "prefer")).dry_run
+
+
+def _checked() -> Response:
+    return Response(status_code=204, headers={"preference-applied": "dry-run"})
 
 
 async def _end_actions(request: Request, container: Container[Any], id: str) -> None:
@@ -105,5 +122,8 @@ def _apart(
 
 
 async def _read(request: Request, container: Container[Any], iri: str) -> list[Triple]:
-    media_type, form = body_type(request, FORM_TYPES), partial(container.form_at, iri)
+    media_type, form = body_type(request, (*FORM_TYPES, *container.formats)), partial(container.form_at, iri)
+    if media_type in container.formats:
+        own, _ = container.formats[media_type]
+        return await convert_body(request, lambda content: own(content, iri))
     return await convert_body(request, lambda content: parse_form(content, media_type, iri, request.base, form))

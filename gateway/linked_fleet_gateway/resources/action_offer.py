@@ -5,7 +5,7 @@ of an action also validates it. A kind may state conditions on the robot under w
 (``lf:offeredIf``).
 """
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, islice
@@ -184,6 +184,11 @@ class Offer:
     def needs(self) -> tuple[Right, ...]:
         """The rights, one of which invoking it needs."""
         return (self.definition.right,)
+
+    @property
+    def robots(self) -> Set[str] | None:
+        """The robots that it may move or act on in another way; None for those that its body names."""
+        return frozenset() if self.robot is None else frozenset({self.robot.name})
 
     @property
     def declared_by(self) -> str:

@@ -1,7 +1,8 @@
 """Containers of records that clients create, replace and delete, and that all gateways share (LDP 1.0, 5.2). Pure."""
 
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from pyoxigraph import Literal, NamedNode, Triple
@@ -13,7 +14,7 @@ from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS
 from linked_fleet_gateway.resources.action_offer import Offer, offers_of
 from linked_fleet_gateway.resources.action_tree import resolve_action
-from linked_fleet_gateway.resources.affordance import FORM_TYPES
+from linked_fleet_gateway.resources.affordance import FORM_TYPES, NOTHING, Demand, Honours
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
 from linked_fleet_gateway.resources.form import Form
@@ -83,6 +84,11 @@ class Container(Generic[T]):
     """Returns the JSON form of bodies for an IRI, if that is not the form of ``shape``."""
     json: "Callable[[Member[T]], bytes] | None" = None
     """Returns the JSON document of a member, likewise."""
+    formats: "Mapping[str, tuple[Callable[[bytes, str], list[Triple]], Callable[[Member[T]], bytes]]]" = field(
+        default_factory=dict
+    )
+    """Further representations of members by media type: functions that return the statements of a body sent to an IRI
+    (raises BadRequest, UnprocessableContent), and the document of a member."""
     check: "Callable[[T, Tree, Identity], Awaitable[None]]" = _accept
     """Checks what a client writes against the fleet as it sees it. Raises UnprocessableContent, InsufficientScope."""
     actions: "Callable[[Member[T]], Sequence[Offer]]" = lambda member: ()
@@ -127,6 +133,12 @@ class Container(Generic[T]):
 
     def _is_visible(self, record: T, view: RequestView) -> bool:
         return self.visible is None or self.visible(record, view.visible_robots)
+
+    def own_actions(self, view: RequestView) -> "Iterator[tuple[Member[T], Sequence[Offer]]]":
+        """Yield each member that has actions of its own, with these."""
+        for each in self.members(view):
+            if offers := self.actions(each):
+                yield each, offers
 
     def member(self, view: RequestView, id: str) -> "Member[T] | None":
         """Return the member with this id; None if there is none."""
@@ -230,9 +242,12 @@ class Member(Generic[T]):
             own_paths=(f"{self.path}/{_BLUEPRINT}", *(each.path for each in self.offers())),
             affords=ChangeMember(container, id) if container.by_clients else RemoveMember(container, id),
         )
+        further = {media_type: partial(write, self) for media_type, (_, write) in container.formats.items()}
         if (write := container.json) is not None:
-            return resource.replace(documents={**resource.documents, JSON: lambda: write(self)})
-        return add_plain_json(resource, container.shape, view.base)
+            further[JSON] = partial(write, self)
+        else:
+            resource = add_plain_json(resource, container.shape, view.base)
+        return resource.replace(documents={**resource.documents, **further})
 
     def _describe_alone(self, graph: Graph) -> None:
         self.describe(graph)
@@ -258,8 +273,11 @@ class _OfContainer:
     """Writes of a container, by those with the rights that it asks for."""
 
     container: Container[Any]
-    body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
     reads: ClassVar[bool] = False
+
+    @property
+    def body_types(self) -> tuple[str, ...]:
+        return (*FORM_TYPES, *self.container.formats)
 
     @property
     def needs(self) -> tuple[Right, ...]:
@@ -275,6 +293,7 @@ class AddMember(_OfContainer):
     """Add a member to a container."""
 
     methods: ClassVar[tuple[str, ...]] = ("POST",)
+    honours: ClassVar[Honours] = frozenset({Demand.DRY_RUN})
 
 
 @dataclass(frozen=True)
@@ -283,6 +302,7 @@ class ChangeMember(_OfContainer):
 
     id: str
     methods: ClassVar[tuple[str, ...]] = ("PUT", "PATCH", "DELETE")
+    honours: ClassVar[Honours] = frozenset({Demand.DRY_RUN})
 
 
 @dataclass(frozen=True)
@@ -290,3 +310,4 @@ class RemoveMember(ChangeMember):
     """Delete a member of a container that clients do not write."""
 
     methods: ClassVar[tuple[str, ...]] = ("DELETE",)
+    honours: ClassVar[Honours] = NOTHING

@@ -63,6 +63,25 @@ def test_members_are_written_by_those_with_the_right(here: AuthenticatedGateway)
         assert browser.http.post(f"{here.root}~notes", json={"title": "a secret"}).status_code == 401
 
 
+def test_a_write_is_checked_without_being_done(here: AuthenticatedGateway) -> None:
+    with here.browsing("root") as root, here.browsing("reader") as reader:
+        dry, notes = {"prefer": "dry-run"}, f"{here.root}~notes"
+
+        def kept() -> int:
+            return root.http.get(notes, headers={"accept": "text/turtle"}).text.count("a plan")
+
+        checked = root.http.post(notes, json={"title": "a plan"}, headers=dry)
+        assert (checked.status_code, checked.headers["preference-applied"], kept()) == (204, "dry-run", 0)
+        assert root.http.post(notes, json={"titel": "a plan"}, headers=dry).status_code == 422
+        assert reader.http.post(notes, json={"title": "a plan"}, headers=dry).status_code == 403
+        note = root.http.post(notes, json={"title": "a plan"}).headers["location"]
+        assert root.http.put(note, json={"title": "another"}, headers=dry).status_code == 204
+        assert root.http.put(note, json={"titel": "another"}, headers=dry).status_code == 422
+        assert root.http.delete(note, headers=dry).status_code == 400
+        assert kept() == 1
+        assert root.http.delete(note).status_code == 204
+
+
 @pytest.mark.parametrize("accept", ["text/turtle", "text/html", "text/event-stream"])
 def test_members_are_read_by_those_with_the_right(here: AuthenticatedGateway, accept: str) -> None:
     with here.browsing("root") as browser:

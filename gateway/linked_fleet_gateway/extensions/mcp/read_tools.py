@@ -15,7 +15,7 @@ from mcp.shared.exceptions import MCPError
 from mcp_types import CallToolResult, TextContent
 from pydantic import Field
 
-from linked_fleet_gateway.api import joint_path, link_path, robot_of, robot_path, time_sliced
+from linked_fleet_gateway.api import Container, joint_path, link_path, robot_of, robot_path, time_sliced
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, content_result, is_text
@@ -114,11 +114,12 @@ class SearchResult:
 
 
 class Find(Tool):
-    """Find robots, joints, links, components (grippers, switches and the like) and actions by words, kind and robot.
-    Actions have the JSON Schema of their body, with the limits of the joint."""
+    """Find robots, joints, links, components (grippers, switches and the like), containers (such as missions and their
+    runs) with their members, and actions, by words, kind and robot. Actions have the JSON Schema of their body, with
+    the limits of the joint, and containers that of their members."""
 
     text: str = Field("", max_length=200, description="words that must all occur in name, title or description")
-    kind: Literal["robot", "joint", "link", "component", "action", "any"] = "any"
+    kind: Literal["robot", "joint", "link", "component", "container", "member", "action", "any"] = "any"
     robot: str = Field("", max_length=200, description="name of a robot, to search only that one")
     limit: int = Field(20, ge=1, le=50, description="maximum number of results")
 
@@ -160,6 +161,27 @@ def _all(context: MessageContext, name: str) -> Iterator[SearchResult]:
         if reason := context.view.faults.find(_SEARCH, robot.name):
             told = {"name": robot.name, "fault": reason}
             yield SearchResult("robot", robot_path(robot.name), robot.title, robot.name, told.copy)
+    if not name:
+        for container in context.core.live.branches.containers:
+            with context.view.faults.guard(_SEARCH, thing=container.path):
+                yield from _in_container(context, container)
+
+
+def _in_container(context: MessageContext, container: Container[Any]) -> Iterator[SearchResult]:
+    """Yield a container, and its members with their actions, as far as the caller may read them."""
+    caller = context.request.caller
+    if not caller.has_any_right(container.reading, None):
+        return
+    told = partial(_writing, container) if container.by_clients else dict
+    yield SearchResult("container", container.path, container.title, "", told)
+    kind = container.member_type.value.rpartition("#")[2]
+    for member in container.members(context.view):
+        yield SearchResult("member", member.path, member.title, kind, partial(dict, type=kind))
+        yield from _actions(context, member.offers())
+
+
+def _writing(container: Container[Any]) -> dict[str, Any]:
+    return {"call": {"tool": "write"}, "body_schema": container.form_at("").schema}
 
 
 def _in_robot(context: MessageContext, robot: Robot) -> Iterator[SearchResult]:

@@ -22,16 +22,18 @@ from linked_fleet_gateway.extensions.mcp.extension import McpSettings
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
 from linked_fleet_gateway.extensions.mcp.read_tools import Find, Query, Read, contents, resources, templates
 from linked_fleet_gateway.extensions.mcp.tool import Tool, failure_result, refusal_result
+from linked_fleet_gateway.extensions.mcp.write_tool import Write
 from linked_fleet_gateway.serving import ReplyTooLong, problem
 
 MOST_CALLS = 32
 """Unfinished tool calls per client. Calls that stop robots do not count."""
-TOOLS: tuple[type[Tool], ...] = (Find, Read, Query, Rehearse, Act, Stop)
+TOOLS: tuple[type[Tool], ...] = (Find, Read, Query, Rehearse, Act, Write, Stop)
 _BY_NAME = {each.definition().name: each for each in TOOLS}
 _INSTRUCTIONS = """\
 Linked Fleet: robots as linked resources. Use find to list robots, joints and actions with the JSON Schemas of action
 bodies; read to get present values; rehearse to check an action without moving; act to move and wait for the end; stop
-at any time. A refusal names the violated constraint and the permitted values; correct the call and repeat it.
+at any time. For several steps write a mission, which find describes as a container, and run it by act. A refusal names
+the violated constraint and the permitted values; correct the call and repeat it.
 Values have units (IRIs of QUDT); an unknown value is null."""
 _Context: TypeAlias = ServerRequestContext[Any, Any]
 

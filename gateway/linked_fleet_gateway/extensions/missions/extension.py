@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import msgspec
 from prometheus_client.metrics_core import Metric
+from pyoxigraph import Triple
 
 from linked_fleet_gateway.api import (
     ActionRequest,
@@ -39,15 +40,20 @@ from linked_fleet_gateway.extensions.missions.engine import Engine
 from linked_fleet_gateway.extensions.missions.mission import Confirm, Mission, step_at
 from linked_fleet_gateway.extensions.missions.parameters import read_values, run_offer
 from linked_fleet_gateway.extensions.missions.progress import confirmed, retried, skipped
-from linked_fleet_gateway.extensions.missions.reading import form, read_mission
+from linked_fleet_gateway.extensions.missions.reading import check as check_mission
+from linked_fleet_gateway.extensions.missions.reading import form, read_mission, triples_of_mission
 from linked_fleet_gateway.extensions.missions.record import OVER, Run
 from linked_fleet_gateway.extensions.missions.rehearsing import Rehearsing
 from linked_fleet_gateway.extensions.missions.runs import Change, Runs
 from linked_fleet_gateway.extensions.missions.steps import Steps
 from linked_fleet_gateway.extensions.missions.targets import Targets, creator_of
 from linked_fleet_gateway.extensions.missions.terms import LF
+from linked_fleet_gateway.extensions.missions.tree_ports import MEDIA_TYPE
+from linked_fleet_gateway.extensions.missions.tree_reading import read_tree
+from linked_fleet_gateway.extensions.missions.tree_writing import write_tree
 from linked_fleet_gateway.extensions.missions.values import Value
 from linked_fleet_gateway.extensions.query.service import Queries
+from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.faces import Identity, Offer, Tree, View
 from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.serving import Caller
@@ -108,6 +114,7 @@ class MissionsExtension(Extension):
         async with runs:
             conditions = Conditions(core.service(Queries))
             known = Runs(runs)
+            core.service(Rules).count_steps(known.steps_of)
             engine = Engine(core, known, Steps(core, known, targets, conditions))
             engines.append(engine)
             make = partial(_missions, targets, conditions, engine, core)
@@ -116,6 +123,7 @@ class MissionsExtension(Extension):
                     yield Mount(
                         branches=(missions.branch, _runs(Records(runs), targets).branch),
                         handlers=_handlers(known),
+                        formats={"behaviortree": ("Behavior tree", MEDIA_TYPE)},
                         metrics=lambda: _metrics(runs),
                         services=(RunsOfMissions(runs.known, targets),),
                     )
@@ -137,14 +145,22 @@ def _missions(
         return all(map(sees.includes, targets.named_robots(mission)))
 
     def actions(member: Member[Mission]) -> list[Offer]:
-        return [run_offer(member.path, member.record, partial(_run, targets, engine, core, member.record))]
+        handler = partial(_run, targets, engine, core, member.record)
+        return [run_offer(member.path, member.record, handler, targets.possible_robots)]
 
     return Container(
         segment="missions", title="Missions", type=LF.MissionList, member_type=LF.Mission, records=table,
         shape=LF.MissionInput, read=read_mission, describe=describe, title_of=lambda mission: mission.title,
         predicate=LF.missions, visible=visible, member_blueprint=LF.MissionShape, writing=(Right.ACT, Right.ADMIN),
         deep=frozenset({LF.step}), form=form, json=_json, check=check, actions=actions,
+        formats={MEDIA_TYPE: (_read_tree, lambda member: write_tree(member.record))},
     )  # fmt: skip
+
+
+def _read_tree(content: bytes, iri: str) -> list[Triple]:
+    mission = read_tree(content, iri.rpartition("/missions")[0])
+    check_mission(mission)
+    return triples_of_mission(mission)
 
 
 def _json(member: Member[Mission]) -> bytes:

@@ -26,7 +26,7 @@ class Parameter(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=T
     title: Text = ""
     minimum: float | None = None
     maximum: float | None = None
-    default: float | bool | Text | None = None
+    default: int | float | bool | Text | None = None
     options: tuple[Text, ...] = ()
 
 

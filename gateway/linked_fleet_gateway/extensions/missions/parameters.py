@@ -1,7 +1,7 @@
 """The parameters of a mission as the input of its action ``run``: a shape of its own, with a term for each. Pure."""
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field
 from decimal import Decimal
 from typing import Any
@@ -81,6 +81,12 @@ class RunOffer(Offer):
     """The action ``run`` of a mission, whose input are its parameters."""
 
     mission: Mission = field(kw_only=True)
+    acts_on: Callable[[Mission], Set[str] | None] = field(kw_only=True)
+    """Returns the robots that its steps may move; None for any."""
+
+    @property
+    def robots(self) -> Set[str] | None:
+        return self.acts_on(self.mission)
 
     @property
     def template_key(self) -> object:
@@ -134,7 +140,9 @@ def _shape(graph: Graph, parameter: Parameter, predicate: NamedNode) -> Node:
     return node
 
 
-def run_offer(path: str, mission: Mission, handler: Callable[[Any], Any]) -> RunOffer:
+def run_offer(
+    path: str, mission: Mission, handler: Callable[[Any], Any], acts_on: Callable[[Mission], Set[str] | None]
+) -> RunOffer:
     """Return the action ``run`` of the mission at a path."""
     definition = ActionDefinition(
         iri=LF.RunMission,
@@ -148,4 +156,4 @@ def run_offer(path: str, mission: Mission, handler: Callable[[Any], Any]) -> Run
         consumes=LF.RunMission if mission.parameters else None,
         produces=LF.InvocationShape,
     )
-    return RunOffer(definition, path, label=mission.title, handler=handler, mission=mission)
+    return RunOffer(definition, path, label=mission.title, handler=handler, mission=mission, acts_on=acts_on)

@@ -21,6 +21,7 @@ from linked_fleet_gateway.extensions.missions.mission import (
     walk,
 )
 from linked_fleet_gateway.extensions.missions.parameters import check_iri, check_value
+from linked_fleet_gateway.extensions.missions.schema import SCHEMA
 from linked_fleet_gateway.extensions.missions.terms import JSON, LF
 from linked_fleet_gateway.extensions.missions.values import value_of, variables_of
 from linked_fleet_gateway.extensions.rules.template import template
@@ -194,42 +195,6 @@ class _Steps:
 
 # -- JSON -------------------------------------------------------------------------------------------------------------
 
-SCHEMA: dict[str, Any] = {
-    "type": "object",
-    "required": ["title", "step"],
-    "properties": {
-        "title": {"type": "string"},
-        "holds": {"type": "boolean", "description": "a step that fails lets the run wait for a person"},
-        "parameters": {
-            "type": "array",
-            "items": {
-                "type": "object",
-                "required": ["name", "type"],
-                "properties": {
-                    "name": {"type": "string"},
-                    "type": {"type": "string", "enum": list(TYPES)},
-                    "title": {"type": "string"},
-                    "minimum": {"type": "number"},
-                    "maximum": {"type": "number"},
-                    "default": {"description": "a value of the type"},
-                    "options": {"type": "array", "items": {"type": "string"}},
-                },
-            },
-        },
-        "step": {
-            "type": "object",
-            "required": ["type"],
-            "properties": {
-                "type": {"type": "string", "enum": list(TAGS.values())},
-                "name": {"type": "string"},
-                "title": {"type": "string"},
-            },
-            "description": "docs of missions have the members of each type",
-        },
-    },
-}
-"""The JSON Schema of a mission. Steps have steps below them, which are of the same form."""
-
 
 def form(iri: str) -> DeclaredForm:
     """Return the JSON form of a mission."""
@@ -244,6 +209,11 @@ def _triples(content: bytes, iri: str, most: int) -> list[Triple]:
         raise UnprocessableContent(f"The mission is not usable: {error}", constraint=iri) from error
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise BadRequest(f"The body is no JSON: {error}") from error
+    return triples_of_mission(mission)
+
+
+def triples_of_mission(mission: Mission) -> list[Triple]:
+    """Return what a client could have sent in RDF."""
     graph = Graph()
     root = graph.blank()
     graph.add(root, DCTERMS.title, Literal(mission.title))

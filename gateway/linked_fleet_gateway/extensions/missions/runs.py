@@ -1,7 +1,7 @@
 """The records of runs at this gateway: changes of them, and who waits for these."""
 
 import asyncio
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 from linked_fleet_gateway.api import Invocation, NotFound, RedisUnavailable, Table
 from linked_fleet_gateway.extensions.missions.record import ENDED, OVER, Run
@@ -23,6 +23,14 @@ class Runs:
     def known(self) -> Mapping[str, Run]:
         """The runs as this gateway knows them."""
         return self._table.known
+
+    def steps_of(self, id: str) -> Iterator[str]:
+        """Yield the invocations of the steps of a run, also of runs that it has begun."""
+        run = self.known.get(id)
+        for each in run.steps.values() if run is not None else ():
+            if invocation := each.invocation.rpartition("/")[2]:
+                yield invocation
+                yield from self.steps_of(invocation)
 
     async def replace(self, id: str, run: Run | None) -> bool:
         """Replace the known record, or remove it. Return False if another gateway was faster."""

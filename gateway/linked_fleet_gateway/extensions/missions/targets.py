@@ -76,6 +76,16 @@ class Targets:
         given = {robot for each in paths if (robot := robot_of(each)) in self.core.robots}
         return tuple(sorted(filter(None, self.named_robots(mission) | given)))
 
+    def possible_robots(self, mission: Mission) -> frozenset[str] | None:
+        """Return the robots that a mission may act on, also by missions that it runs; None if that is not known."""
+        try:
+            all_ = (mission, *self._nested(mission, ()))
+        except UnprocessableContent:  # a circle, so it cannot run as it is
+            return None
+        if any(isinstance(step.of, Variable) for each in all_ for step in invoked(each)):
+            return None
+        return frozenset().union(*map(self.named_robots, all_))
+
     def check_nesting(self, path: str, mission: Mission) -> None:
         """Raise UnprocessableContent if a mission would run itself by its steps, or missions are nested too deep."""
         self._nested(mission, (path,))

@@ -15,6 +15,10 @@ from linked_fleet_gateway.extensions.openapi.operations import (
 from linked_fleet_gateway.faces import Json
 from linked_fleet_gateway.rdf.serialise import JSON
 
+_ADDED: Json = creation_responses("Added.") | {
+    "204": {"description": "Checked, as preferred by dry-run; nothing was added."}
+}
+
 
 def container_operations(container: Container[Any]) -> dict[str, Json]:
     """Return the path items (OpenAPI 3.1, 4.8.9) of a container and its members."""
@@ -30,11 +34,13 @@ def container_operations(container: Container[Any]) -> dict[str, Json]:
     return {
         **resource_path_items(
             container.path, {}, f"{name}Container", container.title,
-            post=write_operation(f"add{name}", f"Add to {container.title}", creation_responses("Added."), body),
+            post=write_operation(f"add{name}", f"Add to {container.title}", _ADDED, body, [header_ref("Prefer")]),
         ),
         **resource_path_items(
             member, {"id": ID_SCHEMA}, name, f"A member of {container.title}",
-            put=write_operation(f"put{name}", "Replace it", CHANGED_RESPONSE, body, [header_ref("IfMatch")]),
+            put=write_operation(
+                f"put{name}", "Replace it", CHANGED_RESPONSE, body, [header_ref("Prefer"), header_ref("IfMatch")]
+            ),
             patch=patch_operation(f"patch{name}", "Change it by a SPARQL update"),
             delete=delete,
         ),

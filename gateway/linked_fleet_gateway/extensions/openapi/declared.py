@@ -1,4 +1,4 @@
-"""Schemas of what robots declare, such as properties of components: things of one name may differ in everything."""
+"""Schemas of what single things declare, such as components and missions; those of one name may differ in all."""
 
 import json
 import re
@@ -46,8 +46,8 @@ def read_schema(items: Sequence[Property]) -> Json | None:
     return any_of(schemas)
 
 
-def is_declared(offer: Offer, base: str) -> bool:
-    return offer.input_form(base) is not None
+def is_declared(offer: Offer) -> bool:
+    return bool(offer.declared_by)
 
 
 def may_lack_body(offer: Offer) -> bool:

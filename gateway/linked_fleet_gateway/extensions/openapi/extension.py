@@ -71,16 +71,29 @@ class Documents:
     async def document(self, view: RequestView) -> Content:
         """Return the description of everything that ``view`` shows."""
         async with self._turn:
-            version = await _version(view)
+            version = await self._version(view)
             if version not in self._made:
                 made = await self._make(view)
-                if await _version(view) != version:  # the fleet has changed, so it may be of both states
+                if await self._version(view) != version:  # the fleet has changed, so it may be of both states
                     return made
                 self._made[version] = made
                 if len(self._made) > _KEPT:
                     self._made.popitem(last=False)
             self._made.move_to_end(version)
             return self._made[version]
+
+    async def _version(self, view: RequestView) -> bytes:
+        """Return a digest of everything that a description is made from."""
+        facts = [repr((view.base, view.requires_authentication))]
+        async for name, robot in time_sliced(sorted(view.robots.items())):
+            said = robot.description
+            known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities, said.cameras)
+            declared = said.components if isinstance(said, DescriptionAndComponents) else b""
+            facts.append(repr((name, robot.model is None, known, robot.annotations, declared, list(parts_of(robot)))))
+        for container in self._containers():
+            with view.faults.guard(_PART, thing=f"members of {container.path}"):
+                facts += [repr((each.path, each.record)) async for each, _ in time_sliced(container.own_actions(view))]
+        return blake2b("\n".join(facts).encode(), digest_size=16).digest()
 
     async def _make(self, view: RequestView) -> Content:
         fleet = FleetPaths(view)
@@ -94,21 +107,12 @@ class Documents:
                 paths |= extension.operations(view)
         for container in self._containers():
             with view.faults.guard(_PART, thing=container.path):
-                paths |= container_operations(container) | dict(fleet.of_members(container))
+                own = [each async for _, offers in time_sliced(container.own_actions(view)) for each in offers]
+                paths |= container_operations(container)
+                paths |= await asyncio.to_thread(fleet.of_members, container, own)  # a schema takes about a millisecond
         # Schemas of hundreds of joints take a second; their inputs are never modified in place, so a thread may read
         # them.
         return await asyncio.to_thread(_written, view, fleet, paths)
-
-
-async def _version(view: RequestView) -> bytes:
-    """Return a digest of everything that a description is made from."""
-    facts = [repr((view.base, view.requires_authentication))]
-    async for name, robot in time_sliced(sorted(view.robots.items())):
-        said = robot.description
-        known = None if said is None else (said.urdf, said.joints, said.base, said.capabilities, said.cameras)
-        declared = said.components if isinstance(said, DescriptionAndComponents) else b""
-        facts.append(repr((name, robot.model is None, known, robot.annotations, declared, list(parts_of(robot)))))
-    return blake2b("\n".join(facts).encode(), digest_size=16).digest()
 
 
 def _written(view: RequestView, fleet: FleetPaths, more: Mapping[str, Mapping[str, Any]]) -> Content:

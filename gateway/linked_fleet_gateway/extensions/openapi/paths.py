@@ -221,21 +221,34 @@ class FleetPaths:
             return capitalized(called) + ("OfRobot" if (True, called) in self._actions else "")
         return capitalized(called) + ("OfComponent" if [*self._actions[True, called].kinds] == ["component"] else "")
 
-    def of_members(self, container: Container[Any]) -> Iterator[tuple[str, Json]]:
-        """Yield the path items of the actions of the members of a container."""
-        thing, parameters = f"{container.path}/{{id}}", {"id": ID_SCHEMA}
-        for offer in container.offers(thing, container.title):
-            name = capitalized(offer.definition.segment) + capitalized(container.segment.strip("~"))
-            body = self._body(name, [offer], form_of_input)
-            yield from action_paths(offer.path, name, parameters, [offer], body).items()
+    def of_members(self, container: Container[Any], own: Sequence[Offer]) -> dict[str, Json]:
+        """Return the path items of the actions of the members of a container.
+
+        All members have those of their kind. ``own`` are further ones of single members, by ``Container.actions``.
+        """
+        paths: dict[str, Json] = {}
+        for offer in container.offers(f"{container.path}/{{id}}", container.title):
+            paths |= self._of_members(container, [offer], {"id": ID_SCHEMA})
+        alike: dict[str, list[Offer]] = {}
+        for each in own:
+            alike.setdefault(each.definition.segment, []).append(each)
+        for offers in alike.values():
+            paths |= self._of_members(container, offers, {"id": segment_schema(each.thing for each in offers)})
+        return paths
+
+    def _of_members(self, container: Container[Any], offers: list[Offer], parameters: Parameters) -> dict[str, Json]:
+        segment = offers[0].definition.segment
+        name = self._names.new(capitalized(segment) + capitalized(container.segment.strip("~")))
+        template = f"{container.path}/{{id}}/actions/{segment}"
+        return action_paths(template, name, parameters, offers, self._body(name, offers, form_of_input))
 
     def _body(self, name: str, offers: list[Offer], form: Callable[[Offer, str], Form]) -> Json | None:
         """Return the media type object that all of ``offers`` accept; None if they take no body."""
         takers = [each for each in offers if each.takes_body]
         if not takers:
             return None
-        declared = [form(each, self._base).schema for each in takers if is_declared(each, self._base)]
-        alike = self._distinct(each for each in takers if not is_declared(each, self._base))
+        declared = [form(each, self._base).schema for each in takers if is_declared(each)]
+        alike = self._distinct(each for each in takers if not is_declared(each))
         few, known = len(self._robots.robots) <= _MOST_NAMED, len(alike) <= _MOST_FORMS
         forms = [form(each, self._base).schema for each in alike[:_MOST_FORMS]]
         shown = forms if few else [generalize_iris(each, self._base) for each in forms]

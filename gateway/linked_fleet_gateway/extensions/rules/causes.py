@@ -68,6 +68,10 @@ class Causes:
         while len(self._motions) > MOST_MOTIONS:
             del self._motions[next(iter(self._motions))]
 
+    def knows(self, motion: Invocation) -> bool:
+        """Return True if a motion is recorded."""
+        return motion.id in self._motions
+
     def restore(self, rules: Iterable[RuleRecord], robots: Mapping[str, Robot], invocations: Invocations) -> None:
         """Record the running motions that firings at another gateway started."""
         for known in rules:
@@ -124,6 +128,12 @@ class Causes:
                 )
             )
         return tuple(found)
+
+
+def begun_by(rules: Iterable[RuleRecord]) -> dict[str, frozenset[str]]:
+    """Return the rules that have begun what may be no motion, by the ids of its invocations."""
+    firings = ((known.rule.id, each) for known in rules for each in known.firings.values() if each.invocation)
+    return {each.invocation.rpartition("/")[2]: frozenset({rule, *each.causes}) for rule, each in firings}
 
 
 def state_of(robot: Robot, invocations: Invocations) -> RobotState:

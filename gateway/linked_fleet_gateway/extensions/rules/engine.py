@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Collection, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -13,7 +13,14 @@ from linked_fleet_gateway.api import cancel_tasks, robot_of, supervised
 from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, RedisUnavailable
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly
-from linked_fleet_gateway.extensions.rules.causes import Causes, Look, reason_to_disable, self_caused, state_of
+from linked_fleet_gateway.extensions.rules.causes import (
+    Causes,
+    Look,
+    begun_by,
+    reason_to_disable,
+    self_caused,
+    state_of,
+)
 from linked_fleet_gateway.extensions.rules.edges import Edge, Row, UnusableResult, edge, rows_by_key
 from linked_fleet_gateway.extensions.rules.pace import Pace, Queues, too_costly
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
@@ -81,6 +88,10 @@ class Engine:
         self._select, self._creator_of, self._refresh, self._note = select, creator_of, refresh, note
         self._bases = bases
         self._causes = Causes()
+        self._begun: dict[str, frozenset[str]] = {}
+        """Rules that have begun what is no motion itself, such as a run of a mission, by its invocation."""
+        self.steps_of: Callable[[str], Iterable[str]] = lambda id: ()
+        """Returns the ids of the invocations that are steps of an invocation."""
         self.loops = 0
         """Number of rules disabled because they triggered themselves."""
         self.too_costly = 0
@@ -95,6 +106,7 @@ class Engine:
         """Serve exactly these rules from now on; new ones are evaluated at once."""
         if ids and not self._tasks:
             self._causes.restore(self._known.values(), self._live.fleet.robots, self._live.invocations)
+            self._begun = begun_by(self._known.values())
         for id in ids - self._tasks.keys():
             self._due[id] = asyncio.Event()
             failed = f"rule {id} could not be evaluated"
@@ -163,6 +175,7 @@ class Engine:
             await self._complain(known, suspended=str(error))
             return None
         moments, at_s = self._moments(creator.visible_robots), time.monotonic()
+        self._note_steps()
         look = self._causes.observe(self._live.fleet.robots, self._live.invocations, at_s)
         try:
             now = await self._ask(rule, creator.visible_robots)
@@ -231,6 +244,19 @@ class Engine:
         numbers = await self._store.advance(known, began, change.ended)
         rows = [(row, began[key]) for key, row in change.began]
         await self._fire_all(known, creator, dict(zip(numbers, rows, strict=False)), moments)
+
+    def _note_steps(self) -> None:
+        """Take note of motions that are steps of what firings have begun."""
+        robots, invocations = self._live.fleet.robots, self._live.invocations
+        for id, rules in list(self._begun.items()):
+            whole = invocations.get(id)
+            if whole is None or whole.state.terminal:
+                del self._begun[id]
+                continue
+            for motion in filter(None, map(invocations.get, self.steps_of(id))):
+                if not motion.state.terminal and motion.robot in robots and not self._causes.knows(motion):
+                    robot = robots[motion.robot]
+                    self._causes.note_motion(motion, robot, rules, state_of(robot, invocations))
 
     async def _note_failure(self, known: RuleRecord, error: QueryTooCostly) -> None:
         pace = self._pace(known.rule.id)
@@ -301,8 +327,11 @@ class Engine:
             return replace(firing, state=FiringState.UNKNOWN, invocation=path, reason=str(error)[:_LONGEST])
         except FleetError as error:
             return replace(firing, state=FiringState.FAILED, reason=str(error)[:_LONGEST])
+        rules = frozenset({rule.id, *firing.causes})
         if robot is not None and before is not None:
-            self._causes.note_motion(invocation, robot, {rule.id, *firing.causes}, before)
+            self._causes.note_motion(invocation, robot, rules, before)
+        else:
+            self._begun[invocation.id] = rules
         return replace(firing, state=FiringState.ACCEPTED, invocation=invocation_path(invocation))
 
 

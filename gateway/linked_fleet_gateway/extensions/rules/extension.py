@@ -67,6 +67,7 @@ class RulesExtension(Extension):
                     branches=(branch(rules.known),),
                     writers={MakeRule: partial(post_rule, rules), ChangeRule: partial(change_rule, rules)},
                     metrics=lambda: _metrics(rules),
+                    services=(rules,),
                 )
 
 

@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import time
-from collections.abc import Awaitable, Callable, Collection
+from collections.abc import Awaitable, Callable, Collection, Iterable
 from contextlib import suppress
 from dataclasses import replace
 from types import TracebackType
@@ -85,6 +85,13 @@ class Rules:
         """True if this gateway evaluates the rules."""
         return self._awaited is not None and not self._awaited
 
+    def count_steps(self, steps_of: Callable[[str], Iterable[str]]) -> None:
+        """Let motions count for a rule that are steps of what it has begun, such as a run of a mission.
+
+        ``steps_of`` returns the ids of the invocations that are steps of an invocation.
+        """
+        self._engine.steps_of = steps_of
+
     @property
     def loops(self) -> int:
         """Number of rules disabled here because they triggered themselves."""
@@ -140,12 +147,16 @@ class Rules:
 
     def _moves(self, rule: Rule, robots: Collection[str] | None) -> bool:
         """Return True if the rule could move one of these robots. A rule that only stops robots cannot."""
-        if rule.variable is not None:
-            return robots is None or any(map(rule.view.includes, robots))
-        found = self._live.tree(rule.base).resolve(rule.invokes)
-        if isinstance(found, Resource) and isinstance(found.affords, Invoke) and found.affords.offer.is_stop:
+        found = None if rule.variable is not None else self._live.tree(rule.base).resolve(rule.invokes)
+        offer = found.affords.offer if isinstance(found, Resource) and isinstance(found.affords, Invoke) else None
+        if offer is not None and offer.is_stop:
             return False
-        return robots is None or rule.robot in robots
+        if robots is None:
+            return True
+        moved = {rule.robot} if offer is None else offer.robots
+        if rule.variable is not None or moved is None:
+            return any(map(rule.view.includes, robots))
+        return not moved.isdisjoint(robots)
 
     async def _disable(self, id: str) -> None:
         while (reason := self._stopping.get(id)) is not None:

@@ -4,15 +4,17 @@ A page of the directory in RDF has things with their names and classes, in the o
 extension are here too.
 """
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
+from typing import Any
 
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.api import (
+    Container,
     FleetBranch,
     Found,
     RequestView,
@@ -26,11 +28,12 @@ from linked_fleet_gateway.api import (
 from linked_fleet_gateway.extensions.things.td import (
     DIRECTORY,
     TD,
+    Thing,
     placeholder_description,
+    thing_description,
     types_of,
-    write_description,
 )
-from linked_fleet_gateway.faces import RobotPart, ThingDocument, parts_of
+from linked_fleet_gateway.faces import Offer, RobotPart, ThingDocument, parts_of
 from linked_fleet_gateway.fleet.model import Joint, Link
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
@@ -43,6 +46,10 @@ MOST = 50
 """Most descriptions on one page."""
 _LIST, _THINGS = "the list of things", "things"
 Place = tuple[Robot | None, Joint | Link | RobotPart | None]
+
+
+Containers = Callable[[], Iterable[Container[Any]]]
+"""Returns the containers, the actions of whose members the fleet offers."""
 
 
 class RobotDigests:
@@ -71,6 +78,7 @@ class Listing:
     """All things that the caller may see, as served by ``linked_fleet_gateway.extensions.things.extension``."""
 
     view: RequestView
+    containers: Containers = tuple
 
     async def things(self) -> list[tuple[str, Place]]:
         """Return each thing with its id, in code point order of the ids (Discovery, 7.3.2.3)."""
@@ -96,6 +104,9 @@ class Listing:
         facts = blake2b(repr((self.view.base, self.view.requires_authentication)).encode(), digest_size=16)
         async for name, robot in time_sliced(sorted(self.view.robots.items())):
             facts.update(digests.digest(name, robot))
+        for container in self.containers():
+            async for member, _ in time_sliced(container.own_actions(self.view)):
+                facts.update(repr((member.path, member.record)).encode())
         return facts.digest()
 
     def description(self, id: str, place: Place) -> bytes | None:
@@ -103,7 +114,7 @@ class Listing:
         robot, part = place
         about, faults = (robot.name if robot else "", part.name if part else ""), self.view.faults
         with faults.guard(_THINGS, *about):
-            return write_description(self.view, *place) if self._is_present(place) else None
+            return write_description(self.containers, self.view, *place) if self._is_present(place) else None
         return placeholder_description(id, self.view.requires_authentication, faults.find(_THINGS, *about))
 
     def _is_present(self, place: Place) -> bool:
@@ -120,19 +131,35 @@ class Listing:
         )
 
 
-def _entrance(view: RequestView, rest: Sequence[str]) -> Found:
+def write_description(
+    containers: Containers, view: RequestView, robot: Robot | None, part: Joint | Link | RobotPart | None
+) -> bytes:
+    """Return the Thing Description of the fleet (no robot), a robot, or a part of it."""
+    thing = Thing(view.base, view.requires_authentication, robot, part)
+    return thing_description(thing, view.robots, [] if robot is not None else _actions_of_members(containers, view))
+
+
+def _actions_of_members(containers: Containers, view: RequestView) -> list[Offer]:
+    found = list[Offer]()
+    for container in containers():
+        with view.faults.guard(_THINGS, thing=container.path):
+            for _, offers in container.own_actions(view):
+                found += offers
+    return found
+
+
+def _entrance(containers: Containers, view: RequestView, rest: Sequence[str]) -> Found:
     if list(rest) != ["wot"]:
         return None
-    documents = {TD: partial(write_description, view, None, None)}
+    documents = {TD: partial(write_description, containers, view, None, None)}
     return Resource("/.well-known/wot", "Thing Description", None, (LDP.Resource,), documents=documents)
 
 
-def _directory(view: RequestView, rest: Sequence[str]) -> Found:
+def _directory(containers: Containers, view: RequestView, rest: Sequence[str]) -> Found:
     """Return the listing or, if an id follows, the description of the thing with that IRI."""
     if not rest:
-        return Resource(
-            DIRECTORY, "Thing Descriptions", None, (LDP.Resource,), remote=Listing(view), publishes_changes=False
-        )
+        listing = Listing(view, containers)
+        return Resource(DIRECTORY, "Thing Descriptions", None, (LDP.Resource,), remote=listing, publishes_changes=False)
     id = "/".join(rest)
     place = _place(view, id.removeprefix(view.base)) if id.startswith(view.base + "/") else None
     if place is None:
@@ -142,7 +169,7 @@ def _directory(view: RequestView, rest: Sequence[str]) -> Found:
         f"Thing Description of {id}",
         None,
         (LDP.Resource,),
-        documents={TD: partial(write_description, view, *place)},
+        documents={TD: partial(write_description, containers, view, *place)},
     )
 
 
@@ -152,11 +179,13 @@ def _place(view: RequestView, path: str) -> Place | None:
     return thing_at(path, view.robots)
 
 
-BRANCHES = (
-    FleetBranch(".well-known", None, _entrance),
-    FleetBranch(DIRECTORY[1:], LF.things, _directory, allows_encoded_slashes=True),
-    ThingDocument(TD, write_description),
-)
+def branches(containers: Containers = tuple) -> tuple[FleetBranch | ThingDocument, ...]:
+    """Return the branches of the directory, and the further representation of things."""
+    return (
+        FleetBranch(".well-known", None, partial(_entrance, containers)),
+        FleetBranch(DIRECTORY[1:], LF.things, partial(_directory, containers), allows_encoded_slashes=True),
+        ThingDocument(TD, partial(write_description, containers)),
+    )
 
 
 MOST_LISTED = 200

@@ -28,12 +28,12 @@ from linked_fleet_gateway.api import (
 )
 from linked_fleet_gateway.base.errors import BadRequest, NotAcceptable, Unimplemented
 from linked_fleet_gateway.extensions.things.directory import (
-    BRANCHES,
     MOST,
     MOST_LISTED,
     Listing,
     Place,
     RobotDigests,
+    branches,
     describe_page,
 )
 from linked_fleet_gateway.extensions.things.kept_listings import InThread, KeptListing, KeptListings, LongListing
@@ -184,4 +184,8 @@ class ThingsExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         directory = Directory(core.robots, _in_thread)
-        yield Mount(branches=BRANCHES, readers={Listing: directory.read}, formats={"td": ("Thing Description", TD)})
+        yield Mount(
+            branches=branches(lambda: core.live.branches.containers),
+            readers={Listing: directory.read},
+            formats={"td": ("Thing Description", TD)},
+        )

@@ -4,14 +4,14 @@ They describe the same resources as the RDF, for Web of Things clients. Every fo
 """
 
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.api import Property, RequestView, joint_path, link_path, robot_path
+from linked_fleet_gateway.api import Property, joint_path, link_path, robot_path
 from linked_fleet_gateway.extensions.things.schema_types import with_types
 from linked_fleet_gateway.faces import (
     Json,
@@ -75,8 +75,8 @@ class Thing:
     def id(self) -> str:
         return self.base + self.path
 
-    def td(self, robots: Iterable[str]) -> Json:
-        """Return the description. ``robots`` are the visible robots, for the fleet only."""
+    def td(self, robots: Iterable[str], more: Iterable[Offer] = ()) -> Json:
+        """Return the description. ``robots`` (visible ones) and ``more`` (further actions) are of the fleet only."""
         said: Json = {
             "@context": [CONTEXT, {"@language": "en"}],
             "id": self.id,
@@ -85,12 +85,17 @@ class Thing:
             "securityDefinitions": {"access": _scheme(self.secured)},
             "security": ["access"],
             "properties": {item.segment: self._property(item) for item in self._items()},
-            "actions": {offer.definition.segment: self._action(offer) for offer in offers_at(self.robot, self.part)},
+            "actions": {name: self._action(offer) for name, offer in self._offers(more)},
             "links": list(self._links(robots)),
         }
         if events := {each.segment: self._event(each) for each in self._items() if _EVENT in each.types}:
             said["events"] = events
         return _directory(self.base, said) if self.robot is None else said
+
+    def _offers(self, more: Iterable[Offer]) -> Iterator[tuple[str, Offer]]:
+        """Yield actions by their names; those of other things, such as missions, are named by their paths."""
+        yield from ((each.definition.segment, each) for each in offers_at(self.robot, self.part))
+        yield from ((each.path.strip("/"), each) for each in more)
 
     def _items(self) -> Sequence[Property]:
         return properties_at(self.base, self.robot, self.part)
@@ -194,14 +199,9 @@ def types_of(part: Joint | Link | RobotPart) -> Sequence[NamedNode]:
     return (ROS.Link,) if isinstance(part, Link) else part.types
 
 
-def write_description(view: RequestView, robot: Robot | None, part: Joint | Link | RobotPart | None) -> bytes:
-    """Return the Thing Description of the fleet (no robot), a robot, or a part of it."""
-    return thing_description(Thing(view.base, view.requires_authentication, robot, part), view.robots)
-
-
-def thing_description(thing: Thing, robots: Iterable[str] = ()) -> bytes:
-    """Return the bytes of a Thing Description."""
-    return json.dumps(with_types(thing.td(robots)), ensure_ascii=False, allow_nan=False).encode()
+def thing_description(thing: Thing, robots: Iterable[str] = (), more: Iterable[Offer] = ()) -> bytes:
+    """Return the bytes of a Thing Description; ``more`` are actions of what is neither robot nor part of one."""
+    return json.dumps(with_types(thing.td(robots, more)), ensure_ascii=False, allow_nan=False).encode()
 
 
 def placeholder_description(id: str, secured: bool, reason: str) -> bytes:

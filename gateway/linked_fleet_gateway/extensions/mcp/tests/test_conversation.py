@@ -62,10 +62,12 @@ def test_a_session_begins_with_the_capabilities_of_the_server(here: Authenticate
 
 def test_tools_are_few_and_describe_their_arguments(lab: McpClient) -> None:
     tools = {each["name"]: each for each in lab.ask("tools/list")["result"]["tools"]}
-    assert [*tools] == ["find", "read", "query", "rehearse", "act", "stop"]
+    assert [*tools] == ["find", "read", "query", "rehearse", "act", "write", "stop"]
     assert tools["act"]["inputSchema"]["required"] == ["action"]
     assert tools["act"]["inputSchema"]["properties"]["rehearse"]["default"] is True
-    assert [name for name, each in tools.items() if not each["annotations"]["readOnlyHint"]] == ["act", "stop"]
+    assert [name for name, each in tools.items() if not each["annotations"]["readOnlyHint"]] == [
+        "act", "write", "stop"
+    ]  # fmt: skip
 
 
 def test_the_find_tool_returns_callable_actions_that_the_caller_may_see(

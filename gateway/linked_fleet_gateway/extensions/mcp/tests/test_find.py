@@ -22,7 +22,9 @@ async def test_a_robot_that_changes_during_the_search_does_not_end_it(
 ) -> None:
     robot = bench.robot(JOINTS)
     view = RequestView(bench.base, MappingProxyType(bench.fleet.robots), InvocationsInView(Invocations(), ALL), ALL)
-    context: Any = SimpleNamespace(view=view, request=SimpleNamespace(caller=EVERYBODY))
+    branches = SimpleNamespace(containers=[])
+    core = SimpleNamespace(live=SimpleNamespace(branches=branches))
+    context: Any = SimpleNamespace(view=view, request=SimpleNamespace(caller=EVERYBODY), core=core)
     monkeypatch.setattr(background, "SLICE_S", -1.0)
     usual, left = background.asyncio.sleep, [turns]
 

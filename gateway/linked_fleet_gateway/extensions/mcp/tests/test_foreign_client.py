@@ -64,7 +64,7 @@ def test_the_sdk_finds_and_moves_a_robot(root: str, era: str) -> None:
     async def run() -> CallToolResult:
         async with Client(root + "mcp", mode=era) as client:
             tools = [each.name for each in (await client.list_tools()).tools]
-            assert tools == ["find", "read", "query", "rehearse", "act", "stop"]
+            assert tools == ["find", "read", "query", "rehearse", "act", "write", "stop"]
             assert f"{root}panda/" in [each.uri for each in (await client.list_resources()).resources]
             found = await client.call_tool("find", {"text": "joint4 absolute", "kind": "action"})
             (action,) = found.structured_content["items"]
@@ -75,6 +75,32 @@ def test_the_sdk_finds_and_moves_a_robot(root: str, era: str) -> None:
     assert not result.is_error, _text(result)
     assert result.structured_content["state"].endswith("#succeeded")
     assert told[-1] == 1.0 and told == sorted(told)
+
+
+@pytest.mark.parametrize("era", ERAS)
+def test_the_sdk_plans_and_runs_a_mission(root: str, era: str) -> None:
+    body = {"value": {"variable": "angle"}, "unit": DEGREE}
+    turn = {"type": "invoke", "action": root[:-1] + ROTATE, "body": body}
+    angle = {"name": "angle", "type": "number", "minimum": -120, "maximum": -60}
+    mission = {"title": f"Turn {era}", "parameters": [angle], "step": {"type": "sequence", "steps": [turn, turn]}}
+
+    async def run() -> CallToolResult:
+        async with Client(root + "mcp", mode=era) as client:
+            found = await client.call_tool("find", {"text": "missions", "kind": "container"})
+            container = found.structured_content["items"][0]
+            planned = {"target": container["iri"], "body": mission}
+            assert "Nothing has changed" in _text(await client.call_tool("write", planned))
+            await client.call_tool("write", planned | {"keep": True})
+            found = await client.call_tool("find", {"text": f"turn {era}", "kind": "action"})
+            (action,) = found.structured_content["items"]
+            assert action["body_schema"]["required"] == ["angle"]
+            return await client.call_tool("act", {"action": action["iri"], "body": {"angle": -90}})
+
+    result = asyncio.run(run())
+    assert not result.is_error, _text(result)
+    run_path = f"/mission-runs/{result.structured_content['id']}"
+    steps = _called(root, "read", era, target=run_path).structured_content["steps"]
+    assert [each["state"] for each in steps] == ["succeeded", "succeeded"]
 
 
 @pytest.mark.parametrize("era", ERAS)
@@ -157,7 +183,7 @@ def _told(result: dict[str, Any]) -> str:
 
 def test_the_inspector_discovers_and_moves_a_robot(inspector: Inspector, root: str) -> None:
     tools = [each["name"] for each in inspector.run("tools/list")["tools"]]
-    assert tools == ["find", "read", "query", "rehearse", "act", "stop"]
+    assert tools == ["find", "read", "query", "rehearse", "act", "write", "stop"]
     (action,) = inspector.call("find", text="joint4 absolute", kind="action")["structuredContent"]["items"]
     result = inspector.call("act", action=action["iri"], body={"value": -70, "unit": DEGREE})
     assert not result.get("isError") and "succeeded" in _told(result)

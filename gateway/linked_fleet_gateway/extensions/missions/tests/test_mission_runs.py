@@ -13,10 +13,12 @@ import httpx
 import pyshacl
 import pytest
 import rdflib
+from jsonschema import Draft202012Validator
 
 from browser import HYBRIT, LF, SH
 from commanding import control, put
 from gateway_group import Gateway, Hub, gateways, hub
+from linked_fleet_gateway.extensions.missions.schema import SCHEMA
 from redis_servers import Servers, single
 from rules_client import sides
 from running import eventually, process
@@ -201,11 +203,15 @@ def test_a_mission_can_be_sent_back_as_it_is_served(scene: Scene) -> None:
         {"type": "parallel", "steps": [scene.rotate("wrist_3_joint", 0.1), {"type": "wait", "seconds": 1}]},
         {"type": "firstOf", "steps": [{"type": "confirm", "text": "go?"}, {"type": "notify", "text": "no"}]},
         {"type": "repeat", "times": 2, "step": {"type": "wait", "condition": "SELECT ?a WHERE { ?a ?b ?c }"}},
-        parameters=[{"name": "who", "type": "text", "options": ["a", "b"]}],
+        parameters=[
+            {"name": "who", "type": "text", "options": ["a", "b"]},
+            {"name": "count", "type": "integer", "default": 3},
+        ],
         holds=True,
     )
     http = scene.one.browser.http
     said = http.get(mission, headers={"accept": "application/json"}).json()
+    Draft202012Validator(SCHEMA).validate(said)
     turtle = http.get(mission, headers={"accept": "text/turtle"}).text
     answer = http.put(mission, content=turtle, headers={"content-type": "text/turtle"})
     assert answer.status_code == 204, answer.text
@@ -457,3 +463,25 @@ def test_pages_show_the_steps_of_a_mission_and_of_its_run(scene: Scene) -> None:
     for url, words in pages.items():
         page = scene.one.browser.http.get(url, headers={"accept": "text/html"}).text
         assert all(each in page for each in words), (url, [each for each in words if each not in page])
+
+
+def test_a_mission_is_written_and_read_as_a_behavior_tree(scene: Scene) -> None:
+    tree = f"""<root BTCPP_format="4"><BehaviorTree ID="Turn"><Sequence>
+        <Action ID="rotate" name="turn" action="/ur5/wrist_3_joint/actions/rotate" value="{{angle}}" unit="{RAD}"/>
+        <Sleep msec="100"/></Sequence></BehaviorTree>
+        <TreeNodesModel><SubTree ID="Turn"><input_port name="angle" type="double"/></SubTree></TreeNodesModel></root>"""
+    http, as_tree = scene.one.browser.http, {"content-type": "application/vnd.behaviortree+xml"}
+    answer = http.post(scene.one.browser.root + "missions", content=tree, headers=as_tree)
+    assert answer.status_code == 201, answer.text
+    mission = answer.headers["location"]
+    run = scene.run(mission, {"angle": 0.2})
+    run.ends("succeeded")
+    said = http.get(mission, headers={"accept": "application/json"}).json()
+    written = http.get(mission, params={"as": "behaviortree"})
+    assert written.headers["content-type"] == "application/vnd.behaviortree+xml"
+    assert '<Sleep msec="100"/>' in written.text
+    assert http.put(mission, content=written.content, headers=as_tree).status_code == 204
+    assert http.get(mission, headers={"accept": "application/json"}).json() == said
+    for wrong, status in ((tree.replace("Sleep", "Script"), 422), (tree.replace("wrist_3", "no"), 422), ("<root", 400)):
+        answer = http.post(scene.one.browser.root + "missions", content=wrong, headers=as_tree)
+        assert (answer.status_code == status and "line" in answer.text) or "action" in answer.text, answer.text

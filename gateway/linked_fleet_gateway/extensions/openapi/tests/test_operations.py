@@ -94,3 +94,34 @@ def test_an_object_in_plain_json_that_is_wrong_is_refused_with_the_reason(
     content = json.dumps(example["value"] | more)
     answer = browser.http.post(browser.root + "world/objects", content=content, headers={"content-type": kind})
     assert answer.status_code == 422 and word in answer.text
+
+
+def described(browser: Browser) -> dict[str, Any]:
+    return dict(browser.http.get(browser.root + "openapi.json", headers={"accept": "application/json"}).json())
+
+
+def inputs(document: dict[str, Any], path: str) -> list[dict[str, Any]]:
+    """Return the alternatives of the body of POST of a path, resolved."""
+    schema = document["paths"][path]["post"]["requestBody"]["content"]["application/json"]["schema"]
+    while "$ref" in schema:
+        schema = document["components"]["schemas"][schema["$ref"].rpartition("/")[2]]
+    return list(schema.get("anyOf", [schema]))
+
+
+def test_actions_of_single_members_are_described_while_they_exist(browser: Browser) -> None:
+    run = "/missions/{id}/actions/run"
+    assert run not in described(browser)["paths"]
+    made = []
+    for name, least in (("angle", 0.1), ("width", 0.2)):
+        parameter = {"name": name, "type": "number", "minimum": least}
+        mission = {"title": name, "parameters": [parameter], "step": {"type": "wait", "seconds": 0}}
+        made.append(browser.http.post(browser.root + "missions", json=mission).headers["location"])
+    document = described(browser)
+    item = document["paths"][run]
+    assert item["parameters"][0]["schema"]["enum"] == sorted(each.rpartition("/")[2] for each in made)
+    found = {next(iter(each["properties"])): each for each in inputs(document, run)}
+    assert found.keys() == {"angle", "width"}
+    assert found["width"]["properties"]["width"]["minimum"] == 0.2 and found["width"]["required"] == ["width"]
+    for each in made:
+        assert browser.http.delete(each).status_code == 204
+    assert run not in described(browser)["paths"]

@@ -62,3 +62,25 @@ def test_events_can_be_subscribed_to(browser: Browser) -> None:
         assert answer.status_code == 200
         assert answer.headers["content-type"].startswith("text/event-stream")
     assert "events" not in _td(browser, "cell/lamp")
+
+
+@pytest.mark.parametrize("where", ["", ".well-known/wot", "things"])
+def test_the_fleet_offers_the_actions_of_members_while_they_exist(browser: Browser, where: str) -> None:
+    """Of missions, here. The directory is kept, the other two are made anew."""
+
+    def actions() -> dict[str, Any]:
+        found = browser.http.get(browser.root + where, headers={"accept": "application/td+json, */*;q=0.1"}).json()
+        listed = found if where == "things" else [found]
+        return next(dict(each["actions"]) for each in listed if each["id"] == browser.root)
+
+    angle = {"name": "angle", "type": "number", "minimum": 0.1}
+    mission = {"title": "Nod", "parameters": [angle], "step": {"type": "wait", "seconds": 0}}
+    before = actions()
+    made = browser.http.post(browser.root + "missions", json=mission).headers["location"]
+    name = made.removeprefix(browser.root) + "/actions/run"
+    run = actions()[name]
+    assert actions().keys() - before.keys() == {name}
+    assert run["title"] == "Run: Nod" and run["forms"][0]["href"] == f"{made}/actions/run?as=json"
+    assert run["input"]["properties"]["angle"]["minimum"] == 0.1 and run["input"]["required"] == ["angle"]
+    assert browser.http.delete(made).status_code == 204
+    assert actions() == before

@@ -12,7 +12,7 @@ from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
 from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.base.errors import BadRequest, UnprocessableContent
-from linked_fleet_gateway.extensions.things.directory import BRANCHES, Listing
+from linked_fleet_gateway.extensions.things.directory import Listing, branches
 from linked_fleet_gateway.fleet.events import Appeared, Described
 from linked_fleet_gateway.fleet.fleet import DESCRIPTION_WAIT_NS, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocations
@@ -65,7 +65,7 @@ def _tree(sees: View = ALL, *, secured: bool = False) -> Tree:
         Invocations(),
         BASE,
         visible_robots=sees,
-        branches=NO_BRANCHES.with_branches(*BRANCHES),
+        branches=NO_BRANCHES.with_branches(*branches()),
         requires_authentication=secured,
     )
 
