@@ -16,6 +16,7 @@ from linked_fleet_gateway.resources.action_tree import resolve_action
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
+from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.form import Form
 from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.resources.plain_json import add_plain_json
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _BLUEPRINT = "blueprint"
+_MAX_AT_ONCE = 50
+"""Members that are described without letting others have a turn."""
 
 
 async def _accept(record: object, tree: "Tree", caller: Identity) -> None:
@@ -85,6 +88,10 @@ class Container(Generic[T]):
     """Returns the JSON document of a member, likewise."""
     check: "Callable[[T, Tree, Identity], Awaitable[None]]" = _accept
     """Checks what a client writes against the fleet as it sees it. Raises UnprocessableContent, InsufficientScope."""
+    signed: Callable[[T, Identity, str], T] = lambda record, caller, client: record
+    """Returns a record with who has written it, if that is kept; ``client`` is the name by which it is counted."""
+    facts: "Callable[[Member[T]], object]" = lambda member: None
+    """Returns what the description of a member depends on besides its record."""
     actions: "Callable[[Member[T]], Sequence[Offer]]" = lambda member: ()
     """Returns further actions of a member, which are no kinds of their own."""
     visible: "Callable[[T, View], bool] | None" = None
@@ -142,10 +149,11 @@ class Container(Generic[T]):
         return None if member is None else member.resolve(rest[1:])
 
     def _whole(self, view: RequestView) -> Resource:
+        steps = InSteps(lambda graph: self._describe(graph, view))
         return Resource(
             self.path,
             self.title,
-            lambda graph: self._describe(graph, view),
+            steps if len(self.records.known) > _MAX_AT_ONCE else steps.__call__,
             CONTAINER,
             Source(lambda: [each.facts for each in self.members(view)]),
             own_paths=(f"{self.path}/{_BLUEPRINT}",),
@@ -153,7 +161,7 @@ class Container(Generic[T]):
             affords=AddMember(self) if self.by_clients else None,
         )
 
-    def _describe(self, graph: Graph, view: RequestView) -> None:
+    def _describe(self, graph: Graph, view: RequestView) -> Iterator[None]:
         iri = view.iri(self.path)
         graph.a(iri, self.type, LDP.BasicContainer, LDP.Container)
         graph.add(iri, DCTERMS.title, Literal(self.title))
@@ -164,6 +172,7 @@ class Container(Generic[T]):
         for each in self.members(view):
             graph.add(iri, LDP.contains, each.iri)
             each.describe(graph)
+            yield
 
 
 @dataclass(frozen=True)
@@ -191,7 +200,8 @@ class Member(Generic[T]):
     def facts(self) -> tuple[Any, ...]:
         """The facts that determine its description, equal on all gateways."""
         kinds = [each.definition.segment for each in self.offers()]
-        return self.id, self.record, [[each.id for each in self.running(kind)] for kind in kinds]
+        running = [[each.id for each in self.running(kind)] for kind in kinds]
+        return self.id, self.record, running, self.container.facts(self)
 
     def offers(self, segment: str | None = None) -> list[Offer]:
         """Return its actions, or only the one with the segment."""
