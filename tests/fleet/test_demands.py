@@ -109,6 +109,7 @@ class Place:
             "annotations": "<./> <urn:x/colour> 'red' .",
             "maximumSpeedScale": "<> lf:value [ vom:numericalValue 0.5 ] .",
             "placement": f"<> {_AT} .",
+            "availability": '<> lf:inService false ; lf:reason "worn" .',
             "mode": '<> lf:value "automatic" .',
             "speedScale": "<> lf:value [ vom:numericalValue 0.5 ] .",
             "output": "<> lf:value true .",
