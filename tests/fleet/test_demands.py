@@ -67,6 +67,8 @@ class Place:
     """Bodies of actions in plain JSON, by name."""
 
     def __post_init__(self) -> None:
+        http, mission = self.browser.http, {"title": "m", "step": {"type": "notify", "text": "hello"}}
+        self._mission = http.post(self.browser.root + "missions", json=mission).headers["location"]
         before, self._last = _texts(self.tree), _texts(walk(self.browser.root, self.browser.http))
         self._steady = {url for url, text in self._last.items() if text == before.get(url)}
 
@@ -116,6 +118,7 @@ class Place:
             "toolInput": "<> lf:value true .",
             "stopProtectively": "",
             "missions": '<> <http://purl.org/dc/terms/title> "m" ; lf:step [ a lf:NotifyStep ; lf:text "hello" ] .',
+            "queue": f"<> lf:mission <{self._mission}> .",
             "rules": a_rule(_NEVER, self.browser.root + "actions/stopAll"),
             "subscriptions": _subscription(write.url.removesuffix("/subscriptions")),
         }

@@ -102,6 +102,7 @@ class MissionsExtension(Extension):
                         branches=(missions.branch, _runs(Records(runs), targets).branch),
                         handlers=_handlers(known),
                         metrics=lambda: _metrics(runs),
+                        services=(targets, known),
                     )
 
 

@@ -64,11 +64,20 @@ class Targets:
             raise UnprocessableContent(f"{thing[:200]} is neither a robot, nor a joint or component of one.")
         return offers_at(*found)
 
-    def named_robots(self, mission: Mission) -> frozenset[str]:
-        """Return the robots that a mission names, in its steps and their bodies."""
+    def named_robots(self, mission: Mission, *bases: str) -> frozenset[str]:
+        """Return the robots that a mission names, in its steps and their bodies, under these base URLs too."""
         own = {segment for each in self.core.extensions for segment in each.at_root}
-        paths = (path_in_fleet(each, self.core.public_urls) for each in _iris(mission))
+        paths = (path_in_fleet(each, (*bases, *self.core.public_urls)) for each in _iris(mission))
         return frozenset(filter(None, (robot_of(each) for each in paths if each is not None))) - own
+
+    def used_robots(self, mission: Mission, values: Iterable[Value], base: str) -> frozenset[str]:
+        """Return the robots that a mission, those that it runs, and values of its parameters name."""
+        paths = (path_in_fleet(each, (base, *self.core.public_urls)) for each in values if isinstance(each, str))
+        given = [robot_of(each) for each in paths if each is not None]
+        known = {each for each in given if each is not None and each in self.core.robots}
+        return frozenset(known).union(
+            *(self.named_robots(each, base) for each in (mission, *self._nested(mission, ())))
+        )
 
     def check_nesting(self, path: str, mission: Mission) -> None:
         """Raise UnprocessableContent if a mission would run itself by its steps, or missions are nested too deep."""
