@@ -119,6 +119,8 @@ class Place:
             "stopProtectively": "",
             "missions": '<> <http://purl.org/dc/terms/title> "m" ; lf:step [ a lf:NotifyStep ; lf:text "hello" ] .',
             "queue": f"<> lf:mission <{self._mission}> .",
+            "schedules": f"<> lf:orderTemplate [ lf:mission <{self._mission}> ] ; lf:recurrenceRule 'FREQ=DAILY' ;"
+            " lf:startsAt '2040-01-01T09:00' ; lf:timeZone 'UTC' .",
             "rules": a_rule(_NEVER, self.browser.root + "actions/stopAll"),
             "subscriptions": _subscription(write.url.removesuffix("/subscriptions")),
         }

@@ -28,7 +28,7 @@ class Checks:
         """Raise UnprocessableContent, InsufficientScope for an order that could not run."""
         if wanted.deadline and deadline_ns(wanted) <= time.time_ns():
             raise UnprocessableContent(f"The deadline {wanted.deadline} has passed; an order begins before it.")
-        base, path = place_of(wanted.mission, self.core)
+        base, path = place_of(wanted.mission, (tree.view.base, *self.core.public_urls))
         offer = find_action(tree, path + "/actions/run", caller)
         mission = self.targets.missions[path.rpartition("/")[2]]
         values = dict(wanted.input)

@@ -70,6 +70,8 @@ def describe_order(graph: Graph, iri: NamedNode, order: Order, reason: str) -> N
     graph.add(iri, DCTERMS.created, timestamp(order.created_ns))
     graph.add(iri, LF.orderedBy, Literal(order.client))
     graph.add(iri, LF.reservedRobot, *(NamedNode(order.base + robot_path(each)) for each in order.robots))
+    if order.schedule:
+        graph.add(iri, LF.fromSchedule, NamedNode(order.base + order.schedule))
     if order.run:
         graph.add(iri, LF.missionRun, NamedNode(f"{order.base}/mission-runs/{order.run}"))
     for predicate, at_ns in ((PROV.startedAtTime, order.began_ns), (PROV.endedAtTime, order.ended_ns)):
@@ -91,6 +93,7 @@ def order_json(id: str, order: Order, reason: str) -> bytes:
         "attempt": order.attempt,
         "creator": order.client,
         "created": timestamp(order.created_ns).value,
+        "schedule": order.schedule and order.base + order.schedule,
         "robots": [order.base + robot_path(each) for each in order.robots],
         "run": order.run and f"{order.base}/mission-runs/{order.run}",
         "started": order.began_ns and timestamp(order.began_ns).value,

@@ -1,21 +1,35 @@
 """The extension ``queue``: orders of missions, which robots take in turn."""
 
 from collections import Counter
-from collections.abc import AsyncIterator, Iterator, Sequence
+from collections.abc import AsyncIterator, Collection, Iterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 from msgspec.structs import replace
 from prometheus_client.metrics_core import Metric
 
-from linked_fleet_gateway.api import Container, Core, Extension, Graph, Member, Mount, NavigationEntry, Right, gauges
+from linked_fleet_gateway.api import (
+    Container,
+    Core,
+    Extension,
+    Graph,
+    Member,
+    Mount,
+    NavigationEntry,
+    Right,
+    Table,
+    gauge,
+    gauges,
+)
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.missions.record import Creator
 from linked_fleet_gateway.extensions.missions.runs import Runs
 from linked_fleet_gateway.extensions.missions.targets import Targets
 from linked_fleet_gateway.extensions.query.service import Queries
+from linked_fleet_gateway.extensions.queue import schedules
 from linked_fleet_gateway.extensions.queue.checking import Checks
 from linked_fleet_gateway.extensions.queue.describing import describe_order, order_json
 from linked_fleet_gateway.extensions.queue.dispatcher import KEPT, Dispatcher
@@ -24,8 +38,11 @@ from linked_fleet_gateway.extensions.queue.needs import Needs, Selections
 from linked_fleet_gateway.extensions.queue.order import Assignments, Order
 from linked_fleet_gateway.extensions.queue.reading import form, read_order
 from linked_fleet_gateway.extensions.queue.records import OrderRecords
+from linked_fleet_gateway.extensions.queue.schedule import Schedule
+from linked_fleet_gateway.extensions.queue.schedules import ScheduleRecords
 from linked_fleet_gateway.extensions.queue.starting import Orders, Starts
 from linked_fleet_gateway.extensions.queue.terms import LF
+from linked_fleet_gateway.extensions.queue.timetable import Timetable
 from linked_fleet_gateway.faces import Claims, Identity, Tree, View
 
 HERE = Path(__file__).parent
@@ -37,14 +54,16 @@ class QueueSettings(Section):
 
     most: int = setting(whole_number(1, 5_000), "2000", "orders that wait")
     per_client: int = setting(whole_number(1, 5_000), "200", "orders of one client that wait")
+    schedules: int = setting(whole_number(1, 5_000), "500", "schedules")
+    schedules_per_client: int = setting(whole_number(1, 5_000), "50", "schedules of one client")
     running: int = setting(whole_number(1, 500), "200", "orders that run at the same time")
 
 
 class QueueExtension(Extension):
-    """Orders at ``/queue``."""
+    """Orders at ``/queue``, and schedules that put them there at ``/schedules``."""
 
     name = "queue"
-    at_root = ("queue",)
+    at_root = ("queue", "schedules")
     needs = ("query", "rules", "missions", "availability")
     vocabulary = (HERE / "vocabulary.ttl",)
     shapes = (HERE / "shapes.ttl",)
@@ -84,13 +103,29 @@ class QueueExtension(Extension):
                 core, orders, given, needs, starts, core.service(Runs), section.running
             ) as dispatcher:
                 dispatchers.append(dispatcher)
-                queue = _queue(records, needs, dispatcher, Checks(core, targets, queries))
-                with core.listening_to_invocations(dispatcher.hear):
-                    yield Mount(
-                        branches=(queue.branch,),
-                        handlers=handlers(core, orders, needs, dispatcher.wake),
-                        metrics=lambda: _metrics(table.known.values()),
-                    )
+                checks = Checks(core, targets, queries)
+                queue = _queue(records, needs, dispatcher, checks)
+
+                def make(kept: Table[Schedule]) -> Container[Schedule]:
+                    return schedules.container(ScheduleRecords(core, kept, section.schedules_per_client), checks, needs)
+
+                async with core.open_container("schedules", Schedule, make, section.schedules) as listed:
+                    assert isinstance(listed.records, ScheduleRecords)
+                    timetable = Timetable(core, listed.records.table, records, partial(_check_start, checks))
+                    with core.listening_to_invocations(dispatcher.hear):
+                        async with timetable:
+                            yield Mount(
+                                branches=(queue.branch, listed.branch),
+                                handlers=handlers(core, orders, needs, dispatcher.wake),
+                                metrics=lambda: _metrics(table.known.values(), listed.records.known.values()),
+                            )
+
+
+async def _check_start(checks: Checks, schedule: Schedule) -> None:
+    """Check the order of a schedule with the present rights of who wrote it. Raises FleetError."""
+    identity = checks.targets.identity(schedule.creator)
+    tree = checks.core.live.tree(schedule.base, identity.visible_robots)
+    await checks.check(schedule.planned.order, tree, identity)
 
 
 def _queue(records: OrderRecords, needs: Needs, dispatcher: Dispatcher, checks: Checks) -> Container[Order]:
@@ -123,6 +158,9 @@ def _signed(order: Order, caller: Identity, client: str) -> Order:
     return replace(order, creator=Creator(client, caller.name, claims))
 
 
-def _metrics(orders: object) -> Iterator[Metric]:
-    states = Counter(each.state for each in list(orders))  # type: ignore[call-overload]
+def _metrics(orders: Collection[Order], planned: Collection[Schedule]) -> Iterator[Metric]:
+    states = Counter(each.state for each in list(orders))
     yield gauges("orders", "Orders of the queue by state.", "state", states.items())
+    missed = sum(each.missed_count for each in list(planned))
+    yield gauge("schedules", "Schedules that put orders into the queue.", len(planned))
+    yield gauge("missed_starts", "Starts of schedules at which no order was put into the queue.", missed)

@@ -1,10 +1,10 @@
-"""The pages of the queue: the orders in their turn, and one order."""
+"""The pages of the queue: the orders in their turn, one order, the schedules, and one of them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pyoxigraph import NamedNode
+from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.api import DCTERMS, LDP
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
@@ -67,7 +67,52 @@ def order(facts: Facts, iri: NamedNode) -> Part:
     return Part(more, {LF.state, LF.reason, LF.reservedRobot, LF.missionRun, HYBRIT.action})
 
 
+@dataclass(frozen=True)
+class ScheduleRow:
+    """A schedule in a list."""
+
+    link: Link
+    rule: str
+    zone: str
+    next: Value | None
+    missed: str
+
+
+@dataclass(frozen=True)
+class MissedRow:
+    """A start that was missed."""
+
+    at: Value | None
+    reason: str
+
+
+def schedules(facts: Facts, iri: NamedNode) -> Part:
+    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    rows = sorted((_schedule(facts, each) for each in members), key=lambda row: row.link.text)
+    return Part({"schedules": rows}, {LDP.contains}, {*members})
+
+
+def _schedule(facts: Facts, iri: NamedNode) -> ScheduleRow:
+    return ScheduleRow(
+        facts.link(iri),
+        facts.text(iri, LF.recurrenceRule),
+        facts.text(iri, LF.timeZone),
+        facts.first_value(iri, LF.nextStart),
+        facts.text(iri, LF.missedStarts),
+    )
+
+
+def schedule(facts: Facts, iri: NamedNode) -> Part:
+    nodes = [each for each in facts.all(iri, LF.missedStart) if isinstance(each, BlankNode)]
+    missed = [MissedRow(facts.first_value(each, LF.startsAt), facts.text(each, LF.reason)) for each in nodes]
+    latest = sorted(missed, key=lambda row: str(row.at), reverse=True)
+    more = {"schedule": _schedule(facts, iri), "missed": latest}
+    return Part(more, {LF.missedStart, LF.nextStart, LF.recurrenceRule, LF.timeZone})
+
+
 VIEWS = (
+    PageView(LF.ScheduleList, _TEMPLATES / "schedules.html", schedules),
+    PageView(LF.Schedule, _TEMPLATES / "schedule.html", schedule),
     PageView(LF.Queue, _TEMPLATES / "queue.html", queue),
     PageView(LF.QueuedOrder, _TEMPLATES / "queued_order.html", order),
 )

@@ -1,7 +1,7 @@
 """The orders as the members of their container: what clients add, change and delete, and how many."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 from msgspec.structs import replace
@@ -67,15 +67,15 @@ class OrderRecords:
 
     def _named(self, record: Order) -> Order:
         """Return an order with the path of its mission, and a title."""
-        base, path = place_of(record.wanted.mission, self.core)
+        base, path = place_of(record.wanted.mission, filter(None, (record.base, *self.core.public_urls)))
         mission = self.targets.missions.get(path.rpartition("/")[2])
         title = record.wanted.title or (mission.title if mission is not None else "Order")
         return replace(record, base=base, mission_path=path, title=title)
 
 
-def place_of(mission: str, core: Core) -> tuple[str, str]:
-    """Return the base URL and the path of the IRI of a mission. Raises UnprocessableContent."""
-    for base in core.public_urls:
+def place_of(mission: str, bases: Iterable[str]) -> tuple[str, str]:
+    """Return the base URL, one of these, and the path of the IRI of a mission. Raises UnprocessableContent."""
+    for base in bases:
         path = path_in_fleet(mission, (base,))
         if path is not None and path.startswith("/missions/"):
             return base, path
