@@ -61,6 +61,9 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
     ask["steps"][1]["body"] = {"value": 0.1, "unit": "http://qudt.org/vocab/unit/RAD"}
     mission = browser.http.post(browser.root + "missions", json={"title": "A mission", "step": ask}).headers["location"]
     run = browser.http.post(mission + "/actions/run").headers["location"]
+    order = browser.http.post(browser.root + "queue", json={"mission": mission, "deadline": "2099-01-01T00:00:00Z"})
+    planned = {"order": {"mission": mission}, "rule": "FREQ=DAILY", "start": "2099-01-01T00:00", "timeZone": "UTC"}
+    schedule = browser.http.post(browser.root + "schedules", json=planned)
     return {
         "fleet": browser.root,
         "robot": robot.url,
@@ -97,6 +100,10 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
         "mission": mission,
         "runs": browser.root + "mission-runs",
         "run": f"{browser.root}mission-runs/{run.rpartition('/')[2]}",
+        "queue": str(root.one(LF.queue)),
+        "order": order.headers["location"],
+        "schedules": str(root.one(LF.schedules)),
+        "schedule": schedule.headers["location"],
         "query": str(root.one(LF.query)),
         "results": browser.root + "query?query=SELECT%20%3Fa%20%7B%20%3Fa%20a%20%3Fb%20%7D%20LIMIT%209",
         "no query": browser.root + "query?query=SELECT",

@@ -306,3 +306,18 @@ def test_orders_conform_to_their_blueprints_and_survive_as_turtle(scene: Scene) 
     assert order.told() == before
     other = scene.other.browser.http.get(scene.other.here(order.iri), headers={"accept": "text/turtle"})
     assert other.text.count("lf:rank") == answer.text.count("lf:rank")
+
+
+def test_the_page_lists_the_orders_in_their_turn_and_why_they_wait(scene: Scene) -> None:
+    slow = scene.order(scene.mission({"type": "wait", "seconds": 60}, scene.turn("a")), title="slow")
+    slow.comes_to("running")
+    turn = scene.mission(scene.turn("a"))
+    for title, priority in (("later", 0), ("urgent", 2)):
+        scene.order(turn, title=title, priority=priority).waits("another order")
+    page = scene.one.browser.http.get(scene.one.browser.root + "queue", headers={"accept": "text/html"}).text
+    rows = [each.partition("</tr>")[0] for each in page.split("<tr data-order=")[1:]]
+    assert [("urgent" in each, "later" in each) for each in rows] == [(True, False), (False, True)]
+    assert "waits for a, which has another order" in rows[0]
+    assert page.index("slow") < page.index("<tr data-order=")
+    for path in (slow.iri, scene.one.browser.root + "schedules"):
+        assert scene.one.browser.http.get(path, headers={"accept": "text/html"}).status_code == 200
