@@ -1,12 +1,13 @@
 """Containers of records that clients create, replace and delete, and that all gateways share (LDP 1.0, 5.2). Pure."""
 
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.fleet.invocations import Invocation
+from linked_fleet_gateway.fleet.invocations import FLEET, Invocation
 from linked_fleet_gateway.identity.rights import Identity, Right, View
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON
@@ -99,6 +100,7 @@ class Container(Generic[T]):
     not in queries."""
     by_clients: bool = True
     """False if actions create and change the members, and clients only read and delete them."""
+    _digests: dict[str, tuple[T, str]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def path(self) -> str:
@@ -155,11 +157,33 @@ class Container(Generic[T]):
             self.title,
             steps if len(self.records.known) > _MAX_AT_ONCE else steps.__call__,
             CONTAINER,
-            Source(lambda: [each.facts for each in self.members(view)]),
+            Source(lambda: self._facts(view)),
             own_paths=(f"{self.path}/{_BLUEPRINT}",),
             part_paths=tuple(each.path for each in self.members(view)),
             affords=AddMember(self) if self.by_clients else None,
         )
+
+    def _facts(self, view: RequestView) -> list[object]:
+        """Return the facts of all members, which may be thousands."""
+        running = dict[str, list[str]]()
+        for each in view.invocations.open_of_robot(FLEET):
+            thing, actions, _ = each.action.partition("/actions/")
+            if actions and thing.startswith(self.path + "/"):
+                running.setdefault(thing, []).append(each.action + each.id)
+        return [
+            (each.id, self._digest(each.id, each.record), running.get(each.path), self.facts(each))
+            for each in self.members(view)
+        ]
+
+    def _digest(self, id: str, record: T) -> str:
+        """Return what differs between records, kept until a record is replaced."""
+        held = self._digests.get(id)
+        if held is None or held[0] is not record:
+            held = self._digests[id] = record, blake2b(repr(record).encode(), digest_size=8).hexdigest()
+            if len(self._digests) > len(self.records.known) + _MAX_AT_ONCE:
+                for gone in self._digests.keys() - self.records.known.keys():
+                    del self._digests[gone]
+        return held[1]
 
     def _describe(self, graph: Graph, view: RequestView) -> Iterator[None]:
         iri = view.iri(self.path)

@@ -92,9 +92,9 @@ class Dispatcher:
                 await self._awake.wait()
         self._awake.clear()
         self._seen.clear()
-        await self._settle()
-        await self._forget()
-        await self._give()
+        for part in (self._settle, self._forget, self._give):
+            await part()
+            await asyncio.sleep(0)  # others have a turn: thousands of orders take milliseconds
         self._since_s = {key: since_s for key, since_s in self._since_s.items() if key in self._seen}
 
     @property
@@ -205,8 +205,9 @@ class Dispatcher:
             self._core.robots, self._moving(), dict(before.busy), self._abilities, self._placements
         )  # fmt: skip
         given, reasons, room = dict[str, Assignment](), dict[str, str](), self._most - len(before.orders)
-        now_ns = time.time_ns()
-        async for id, order in time_sliced(in_turn(orders)):
+        now_ns, row = time.time_ns(), in_turn(orders)
+        await asyncio.sleep(0)
+        async for id, order in time_sliced(row):
             if id in before.orders:
                 continue
             turn = (
