@@ -50,7 +50,7 @@ def availability(robot: Robot) -> Property:
             graph.add(iri, LF.reason, Literal(reason))
         graph.add(iri, HYBRIT.consumes, LF.AvailabilityInput)
 
-    setting = Setting(robot, AVAILABILITY, LF.AvailabilityInput, read_availability)
+    setting = Setting(robot, AVAILABILITY, LF.AvailabilityInput, read_availability, heeds_lease=False)
     title = f"availability of {robot.name}"
     kinds, shape = (LF.Availability,), LF.AvailabilityShape
     return Property(AVAILABILITY, LF.availability, kinds, shape, title, describe, put=setting)
