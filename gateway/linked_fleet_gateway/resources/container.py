@@ -1,7 +1,8 @@
 """Containers of records that clients create, replace and delete, and that all gateways share (LDP 1.0, 5.2). Pure."""
 
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
@@ -100,7 +101,6 @@ class Container(Generic[T]):
     not in queries."""
     by_clients: bool = True
     """False if actions create and change the members, and clients only read and delete them."""
-    _digests: dict[str, tuple[T, str]] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @property
     def path(self) -> str:
@@ -174,6 +174,10 @@ class Container(Generic[T]):
             (each.id, self._digest(each.id, each.record), running.get(each.path), self.facts(each))
             for each in self.members(view)
         ]
+
+    @cached_property
+    def _digests(self) -> dict[str, tuple[T, str]]:
+        return {}
 
     def _digest(self, id: str, record: T) -> str:
         """Return what differs between records, kept until a record is replaced."""
