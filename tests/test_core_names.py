@@ -19,6 +19,7 @@ WORDS = {
     ("app/metrics.py", "faults"),  # a metric: faults of the gateway itself
     ("fleet/answers.py", "components"),  # a member of descriptions (PROTOCOL.md of the wire)
     ("identity/issuers.py", ".well-known"),  # OpenID Connect Discovery, 4
+    ("subscriptions/redis_scripts.py", "queue"),  # the key of deliveries that are queued
     ("resources/properties.py", "world"),  # the name of a frame of reference, as ROS has it
 }
 """Strings that mean something else, by file."""

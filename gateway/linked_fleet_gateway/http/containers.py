@@ -106,7 +106,7 @@ async def _record(
     body = validate_body(shallow, container.shape, iri, seen)
     record = container.read(Body((*shallow, *deep), body.root) if deep else body)
     await container.check(record, request.tree(), request.caller)
-    return record
+    return container.signed(record, request.caller, request.caller_name)
 
 
 def _apart(

@@ -169,8 +169,14 @@ async def put_setting(request: Request, affordance: PutSetting) -> Response:
         # Evaluated in each attempt, because the value may change meanwhile, also at another gateway.
         present = await resolve_under_preconditions(request, lambda: request.tree().resolve(setting.path))
         assert present is not None  # no robot is forgotten while its settings are written
-        if await shared.set_setting(setting.robot, setting.name, change(present), lock_token(request)):
+        if await _set(shared, setting, change(present), lock_token(request)):
             return await _changed(request, setting)
+
+
+async def _set(shared: ReplicatedInvocations, setting: Setting, value: str | None, lease_token: str) -> bool:
+    if setting.heeds_lease:
+        return await shared.set_setting(setting.robot, setting.name, value, lease_token)
+    return await shared.change_setting(setting.robot, setting.name, value)
 
 
 async def _changed(request: Request, setting: Setting) -> Response:

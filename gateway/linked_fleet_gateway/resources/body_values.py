@@ -130,6 +130,8 @@ class Setting:
     read: Callable[[Body], str] | None = None
     removable: bool = False
     """True if clients may remove it by DELETE."""
+    heeds_lease: bool = True
+    """False if it can be changed whoever has control of the robot."""
     decides_checks: bool = False
     """True if checks of motions depend on it: the response to a change waits for the guards."""
 

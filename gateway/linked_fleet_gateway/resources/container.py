@@ -2,12 +2,13 @@
 
 from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
+from hashlib import blake2b
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.fleet.invocations import Invocation
+from linked_fleet_gateway.fleet.invocations import FLEET, Invocation
 from linked_fleet_gateway.identity.rights import Identity, Right, View
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import JSON
@@ -17,6 +18,7 @@ from linked_fleet_gateway.resources.action_tree import resolve_action
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, NOTHING, Demand, Honours
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, RequestView
+from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.form import Form
 from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.resources.plain_json import add_plain_json
@@ -28,6 +30,8 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _BLUEPRINT = "blueprint"
+_MAX_AT_ONCE = 50
+"""Members that are described without letting others have a turn."""
 
 
 async def _accept(record: object, tree: "Tree", caller: Identity) -> None:
@@ -91,6 +95,10 @@ class Container(Generic[T]):
     (raises BadRequest, UnprocessableContent), and the document of a member."""
     check: "Callable[[T, Tree, Identity], Awaitable[None]]" = _accept
     """Checks what a client writes against the fleet as it sees it. Raises UnprocessableContent, InsufficientScope."""
+    signed: Callable[[T, Identity, str], T] = lambda record, caller, client: record
+    """Returns a record with who has written it, if that is kept; ``client`` is the name by which it is counted."""
+    facts: "Callable[[Member[T]], object]" = lambda member: None
+    """Returns what the description of a member depends on besides its record."""
     actions: "Callable[[Member[T]], Sequence[Offer]]" = lambda member: ()
     """Returns further actions of a member, which are no kinds of their own."""
     visible: "Callable[[T, View], bool] | None" = None
@@ -154,18 +162,45 @@ class Container(Generic[T]):
         return None if member is None else member.resolve(rest[1:])
 
     def _whole(self, view: RequestView) -> Resource:
+        steps = InSteps(lambda graph: self._describe(graph, view))
         return Resource(
             self.path,
             self.title,
-            lambda graph: self._describe(graph, view),
+            steps if len(self.records.known) > _MAX_AT_ONCE else steps.__call__,
             CONTAINER,
-            Source(lambda: [each.facts for each in self.members(view)]),
+            Source(lambda: self._facts(view)),
             own_paths=(f"{self.path}/{_BLUEPRINT}",),
             part_paths=tuple(each.path for each in self.members(view)),
             affords=AddMember(self) if self.by_clients else None,
         )
 
-    def _describe(self, graph: Graph, view: RequestView) -> None:
+    def _facts(self, view: RequestView) -> list[object]:
+        """Return the facts of all members, which may be thousands."""
+        running = dict[str, list[str]]()
+        for each in view.invocations.open_of_robot(FLEET):
+            thing, actions, _ = each.action.partition("/actions/")
+            if actions and thing.startswith(self.path + "/"):
+                running.setdefault(thing, []).append(each.action + each.id)
+        return [
+            (each.id, self._digest(each.id, each.record), running.get(each.path), self.facts(each))
+            for each in self.members(view)
+        ]
+
+    @cached_property
+    def _digests(self) -> dict[str, tuple[T, str]]:
+        return {}
+
+    def _digest(self, id: str, record: T) -> str:
+        """Return what differs between records, kept until a record is replaced."""
+        held = self._digests.get(id)
+        if held is None or held[0] is not record:
+            held = self._digests[id] = record, blake2b(repr(record).encode(), digest_size=8).hexdigest()
+            if len(self._digests) > len(self.records.known) + _MAX_AT_ONCE:
+                for gone in self._digests.keys() - self.records.known.keys():
+                    del self._digests[gone]
+        return held[1]
+
+    def _describe(self, graph: Graph, view: RequestView) -> Iterator[None]:
         iri = view.iri(self.path)
         graph.a(iri, self.type, LDP.BasicContainer, LDP.Container)
         graph.add(iri, DCTERMS.title, Literal(self.title))
@@ -176,6 +211,7 @@ class Container(Generic[T]):
         for each in self.members(view):
             graph.add(iri, LDP.contains, each.iri)
             each.describe(graph)
+            yield
 
 
 @dataclass(frozen=True)
@@ -203,7 +239,8 @@ class Member(Generic[T]):
     def facts(self) -> tuple[Any, ...]:
         """The facts that determine its description, equal on all gateways."""
         kinds = [each.definition.segment for each in self.offers()]
-        return self.id, self.record, [[each.id for each in self.running(kind)] for kind in kinds]
+        running = [[each.id for each in self.running(kind)] for kind in kinds]
+        return self.id, self.record, running, self.container.facts(self)
 
     def offers(self, segment: str | None = None) -> list[Offer]:
         """Return its actions, or only the one with the segment."""

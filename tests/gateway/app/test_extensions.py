@@ -131,7 +131,7 @@ def test_a_foreign_extension_is_loaded_only_if_it_is_named(package: Package) -> 
     assert "gripper" not in names()
     assert "gripper" in names("--extensions", "gripper")
     with pytest.raises(ValueError, match="names query, which gripper needs"):
-        names("--extensions", "gripper", "--extensions-off", "query,rules,missions")
+        names("--extensions", "gripper", "--extensions-off", "query,rules,missions,queue")
     with pytest.raises(ValueError, match=r"names 'hand', which no installed packages have; .*: gripper$"):
         names("--extensions", "hand")
     with pytest.raises(ValueError, match="ACME_FORCE_N is a whole number from 1 to 100, not '0'"):

@@ -31,6 +31,7 @@ CODE = """
             async with core.open_container("notes", str, lambda table: Container(
                 segment="~notes", title="Notes", type=MY.Notes, member_type=MY.Note, records=table,
                 shape=MY.NoteInput, read=lambda body: body.text(body.root, DCTERMS.title),
+                signed=lambda text, caller, client: f"{text} by {caller.name} as {client}",
                 describe=lambda graph, note: None, title_of=str, predicate=MY.notes,
                 writing=(Right.ACT,), reading=(Right.SUBSCRIBE,),
             )) as notes:
@@ -107,3 +108,9 @@ def test_queries_do_not_tell_what_their_caller_may_not_read(here: AuthenticatedG
             query = "SELECT ?title { ?note <http://purl.org/dc/terms/title> ?title }"
             answer = browser.http.get(f"{here.root}query", params={"query": query}, headers={"accept": "text/csv"})
             assert answer.status_code == 200 and "a secret" not in answer.text
+
+
+def test_a_record_keeps_who_has_written_it(here: AuthenticatedGateway) -> None:
+    with here.browsing("writer") as writer, here.browsing("subscriber") as subscriber:
+        note = writer.http.post(f"{here.root}~notes", json={"title": "signed"}).headers["location"]
+        assert "signed by writer as writer" in subscriber.http.get(note, headers={"accept": "text/turtle"}).text

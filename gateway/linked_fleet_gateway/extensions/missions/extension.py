@@ -125,7 +125,7 @@ class MissionsExtension(Extension):
                         handlers=_handlers(known),
                         formats={"behaviortree": ("Behavior tree", MEDIA_TYPE)},
                         metrics=lambda: _metrics(runs),
-                        services=(RunsOfMissions(runs.known, targets),),
+                        services=(targets, known, RunsOfMissions(runs.known, targets)),
                     )
 
 

@@ -64,17 +64,25 @@ class Targets:
             raise UnprocessableContent(f"{thing[:200]} is neither a robot, nor a joint or component of one.")
         return offers_at(*found)
 
-    def named_robots(self, mission: Mission) -> frozenset[str]:
-        """Return the robots that a mission names, in its steps and their bodies."""
+    def named_robots(self, mission: Mission, *bases: str) -> frozenset[str]:
+        """Return the robots that a mission names, in its steps and their bodies, under these base URLs too."""
         own = {segment for each in self.core.extensions for segment in each.at_root}
-        paths = (path_in_fleet(each, self.core.public_urls) for each in _iris(mission))
+        paths = (path_in_fleet(each, (*bases, *self.core.public_urls)) for each in _iris(mission))
         return frozenset(filter(None, (robot_of(each) for each in paths if each is not None))) - own
 
     def told_of(self, mission: Mission, values: Mapping[str, Value], base: str) -> tuple[str, ...]:
         """Return the robots that an invocation of a mission tells of: those that it names, and those in its values."""
-        paths = (each.removeprefix(base) for each in values.values() if isinstance(each, str) and each.startswith(base))
-        given = {robot for each in paths if (robot := robot_of(each)) in self.core.robots}
-        return tuple(sorted(filter(None, self.named_robots(mission) | given)))
+        return tuple(sorted(self.named_robots(mission, base) | self._given(values.values(), base)))
+
+    def used_robots(self, mission: Mission, values: Iterable[Value], base: str) -> frozenset[str]:
+        """Return the robots that a mission, those that it runs, and values of its parameters name."""
+        all_ = (mission, *self._nested(mission, ()))
+        return self._given(values, base).union(*(self.named_robots(each, base) for each in all_))
+
+    def _given(self, values: Iterable[Value], base: str) -> frozenset[str]:
+        paths = (path_in_fleet(each, (base, *self.core.public_urls)) for each in values if isinstance(each, str))
+        found = (robot_of(each) for each in paths if each is not None)
+        return frozenset(each for each in found if each is not None and each in self.core.robots)
 
     def possible_robots(self, mission: Mission) -> frozenset[str] | None:
         """Return the robots that a mission may act on, also by missions that it runs; None if that is not known."""

@@ -65,6 +65,9 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
     noise = {"about": robot.url, "title": "It rattles."}
     assert browser.http.post(browser.root + "actions/raiseFault", json=noise).status_code == 204
     (fault,) = browser.page(browser.root + "faults").graph.subjects(LF.faultKind, Literal("told"))
+    order = browser.http.post(browser.root + "queue", json={"mission": mission, "deadline": "2099-01-01T00:00:00Z"})
+    planned = {"order": {"mission": mission}, "rule": "FREQ=DAILY", "start": "2099-01-01T00:00", "timeZone": "UTC"}
+    schedule = browser.http.post(browser.root + "schedules", json=planned)
     return {
         "fleet": browser.root,
         "robot": robot.url,
@@ -103,6 +106,10 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
         "run": f"{browser.root}mission-runs/{run.rpartition('/')[2]}",
         "faults": browser.root + "faults",
         "fault": str(fault),
+        "queue": str(root.one(LF.queue)),
+        "order": order.headers["location"],
+        "schedules": str(root.one(LF.schedules)),
+        "schedule": schedule.headers["location"],
         "query": str(root.one(LF.query)),
         "results": browser.root + "query?query=SELECT%20%3Fa%20%7B%20%3Fa%20a%20%3Fb%20%7D%20LIMIT%209",
         "no query": browser.root + "query?query=SELECT",

@@ -1,0 +1,1 @@
+"""Robots that people take out of service, and return. See README.md."""

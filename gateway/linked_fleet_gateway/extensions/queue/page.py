@@ -1,0 +1,118 @@
+"""The pages of the queue: the orders in their turn, one order, the schedules, and one of them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from pyoxigraph import BlankNode, NamedNode
+
+from linked_fleet_gateway.api import DCTERMS, LDP
+from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
+from linked_fleet_gateway.extensions.queue.terms import LF
+from linked_fleet_gateway.rdf.vocabulary import HYBRIT, PROV
+
+_TEMPLATES = Path(__file__).parent / "templates"
+_LATEST = 50
+"""Orders that are over and shown in the list."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """An order in a list."""
+
+    link: Link
+    state: Value | None
+    reason: str
+    priority: int
+    rank: float
+    client: str
+    created: Value | None
+    ended: Value | None
+    robots: list[Link]
+    run: Link | None
+
+
+def queue(facts: Facts, iri: NamedNode) -> Part:
+    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    waiting = sorted(_rows(facts, members, LF.waiting), key=lambda row: (-row.priority, row.rank, str(row.created)))
+    running = _rows(facts, members, LF.starting, LF.running)
+    over = _rows(facts, members, LF.succeeded, LF.failed, LF.cancelled, LF.missed)
+    latest = sorted(over, key=lambda row: str(row.ended), reverse=True)[:_LATEST]
+    return Part({"waiting": waiting, "running": running, "over": latest}, {LDP.contains}, {*members})
+
+
+def _rows(facts: Facts, members: Sequence[NamedNode], *states: NamedNode) -> list[Row]:
+    return [_row(facts, each) for each in members if facts.one(each, LF.state) in states]
+
+
+def _row(facts: Facts, iri: NamedNode) -> Row:
+    run = facts.one(iri, LF.missionRun)
+    return Row(
+        facts.link(iri),
+        facts.first_value(iri, LF.state),
+        facts.text(iri, LF.reason),
+        int(facts.text(iri, LF.priority) or 0),
+        float(facts.text(iri, LF.rank) or 0),
+        facts.text(iri, LF.orderedBy),
+        facts.first_value(iri, DCTERMS.created),
+        facts.first_value(iri, PROV.endedAtTime),
+        [facts.link(each) for each in facts.all(iri, LF.reservedRobot) if isinstance(each, NamedNode)],
+        facts.link(run) if isinstance(run, NamedNode) else None,
+    )
+
+
+def order(facts: Facts, iri: NamedNode) -> Part:
+    actions = [facts.link(each) for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
+    more = {"order": _row(facts, iri), "actions": actions}
+    return Part(more, {LF.state, LF.reason, LF.reservedRobot, LF.missionRun, HYBRIT.action})
+
+
+@dataclass(frozen=True)
+class ScheduleRow:
+    """A schedule in a list."""
+
+    link: Link
+    rule: str
+    zone: str
+    next: Value | None
+    missed: str
+
+
+@dataclass(frozen=True)
+class MissedRow:
+    """A start that was missed."""
+
+    at: Value | None
+    reason: str
+
+
+def schedules(facts: Facts, iri: NamedNode) -> Part:
+    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    rows = sorted((_schedule(facts, each) for each in members), key=lambda row: row.link.text)
+    return Part({"schedules": rows}, {LDP.contains}, {*members})
+
+
+def _schedule(facts: Facts, iri: NamedNode) -> ScheduleRow:
+    return ScheduleRow(
+        facts.link(iri),
+        facts.text(iri, LF.recurrenceRule),
+        facts.text(iri, LF.timeZone),
+        facts.first_value(iri, LF.nextStart),
+        facts.text(iri, LF.missedStarts),
+    )
+
+
+def schedule(facts: Facts, iri: NamedNode) -> Part:
+    nodes = [each for each in facts.all(iri, LF.missedStart) if isinstance(each, BlankNode)]
+    missed = [MissedRow(facts.first_value(each, LF.startsAt), facts.text(each, LF.reason)) for each in nodes]
+    latest = sorted(missed, key=lambda row: str(row.at), reverse=True)
+    more = {"schedule": _schedule(facts, iri), "missed": latest}
+    return Part(more, {LF.missedStart, LF.nextStart, LF.recurrenceRule, LF.timeZone})
+
+
+VIEWS = (
+    PageView(LF.ScheduleList, _TEMPLATES / "schedules.html", schedules),
+    PageView(LF.Schedule, _TEMPLATES / "schedule.html", schedule),
+    PageView(LF.Queue, _TEMPLATES / "queue.html", queue),
+    PageView(LF.QueuedOrder, _TEMPLATES / "queued_order.html", order),
+)
