@@ -225,7 +225,8 @@ def test_writable_properties_state_accept_put(pair: tuple[Gateway, Gateway]) -> 
     one, _ = pair
     robot, joint = one.browser.robot("ur5"), one.browser.part("ur5", WRIST)
     urls = {str(url) for page in (robot, joint) for url in page.graph.objects(page.iri, HYBRIT.property)}
-    settable = {str(robot.one(each)) for each in (LF.annotations, LF.maximumSpeedScale, LF.placement)}
+    settings = (LF.annotations, LF.maximumSpeedScale, LF.placement, LF.availability)
+    settable = {str(robot.one(each)) for each in settings}
     settable.add(str(robot.property(LF.TextProperty)))
     settable.add(str(joint.one(LF.targetRotation)))
     assert settable < urls
