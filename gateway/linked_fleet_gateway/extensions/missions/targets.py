@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from hashlib import blake2b
+from urllib.parse import unquote
 
 from pyoxigraph import NamedNode
 
@@ -64,20 +65,26 @@ class Targets:
             raise UnprocessableContent(f"{thing[:200]} is neither a robot, nor a joint or component of one.")
         return offers_at(*found)
 
-    def named_robots(self, mission: Mission, *bases: str) -> frozenset[str]:
-        """Return the robots that a mission names, in its steps and their bodies, under these base URLs too."""
+    def named_robots(self, mission: Mission) -> frozenset[str]:
+        """Return the robots that a mission names, in its steps and their bodies.
+
+        A robot that is known is also named under another URL, perhaps one of another gateway of the fleet.
+        """
         own = {segment for each in self.core.extensions for segment in each.at_root}
-        paths = (path_in_fleet(each, (*bases, *self.core.public_urls)) for each in _iris(mission))
-        return frozenset(filter(None, (robot_of(each) for each in paths if each is not None))) - own
+        iris = [each for each in _iris(mission) if each]
+        here = {path_in_fleet(each, self.core.public_urls) for each in iris}
+        elsewhere = map(robot_of, map(_path_of, iris))
+        named = {robot_of(each) for each in here if each is not None} | (set(elsewhere) & self.core.robots.keys())
+        return frozenset(each for each in named if each is not None) - own
 
     def told_of(self, mission: Mission, values: Mapping[str, Value], base: str) -> tuple[str, ...]:
         """Return the robots that an invocation of a mission tells of: those that it names, and those in its values."""
-        return tuple(sorted(self.named_robots(mission, base) | self._given(values.values(), base)))
+        return tuple(sorted(self.named_robots(mission) | self._given(values.values(), base)))
 
     def used_robots(self, mission: Mission, values: Iterable[Value], base: str) -> frozenset[str]:
         """Return the robots that a mission, those that it runs, and values of its parameters name."""
         all_ = (mission, *self._nested(mission, ()))
-        return self._given(values, base).union(*(self.named_robots(each, base) for each in all_))
+        return self._given(values, base).union(*map(self.named_robots, all_))
 
     def _given(self, values: Iterable[Value], base: str) -> frozenset[str]:
         paths = (path_in_fleet(each, (base, *self.core.public_urls)) for each in values if isinstance(each, str))
@@ -200,6 +207,11 @@ class Targets:
         if found is None:
             raise RightsEnded("The rights of who runs the mission have ended.")
         return found
+
+
+def _path_of(iri: str) -> str:
+    """Return the path of an IRI under any URL; the root for a text that is none."""
+    return "/" + unquote(iri.partition("://")[2].partition("/")[2])
 
 
 def creator_of(caller: Caller) -> Creator:

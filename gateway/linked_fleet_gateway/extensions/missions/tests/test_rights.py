@@ -1,12 +1,15 @@
 """A mission has the present rights of who runs it, and shows nobody more than they may see."""
 
 from collections.abc import Iterator
+from types import SimpleNamespace
 
 import httpx
 import pytest
 
 from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
 from browser import LDP, LF, Browser
+from linked_fleet_gateway.extensions.missions.mission import Invoke, Mission
+from linked_fleet_gateway.extensions.missions.targets import Targets
 from running import eventually
 
 pytestmark = pytest.mark.virtual
@@ -66,9 +69,32 @@ def test_invocations_of_missions_are_hidden_in_queries_too(here: AuthenticatedGa
     fields = {"content-type": "application/sparql-query"}
     with here.browsing("hall") as hall, here.browsing("both") as both:
         iri = mission(both, SEEN).headers["location"]
-        assert both.http.post(iri + "/actions/run").status_code == 204
+        begun = both.http.post(iri + "/actions/run")
+        assert begun.status_code == 204, begun.text
+        succeeds(both, f"{both.root}mission-runs/{begun.headers['location'].rpartition('/')[2]}")
         assert iri in both.http.post(both.root + "query", content=query, headers=fields).text
         assert iri not in hall.http.post(hall.root + "query", content=query, headers=fields).text
+
+
+@pytest.mark.parametrize(
+    ("iri", "named"),
+    [
+        ("https://fleet.example/arm/elbow/actions/rotate", {"arm"}),
+        ("https://fleet.example/gone/elbow/actions/rotate", {"gone"}),  # it may come back
+        ("https://fleet.example/world/objects/1", set()),
+        ("http://10.0.0.7:8000/arm/elbow/actions/rotate", {"arm"}),
+        ("http://10.0.0.7:8000/gone/elbow/actions/rotate", set()),
+        ("http://[::1/arm/", {"arm"}),
+        ("http://qudt.org/vocab/unit/RAD", set()),
+        ("http://10.0.0.7/arm/", {"arm"}),
+        ("arm/", set()),
+    ],
+)
+def test_a_robot_is_hidden_whichever_gateway_its_url_names(iri: str, named: set[str]) -> None:
+    world = SimpleNamespace(at_root=("world",))
+    core = SimpleNamespace(extensions=(world,), public_urls=("https://fleet.example",), robots={"arm": None})
+    step = Invoke(kind="k", of=iri, body={"at": iri})
+    assert Targets(core).named_robots(Mission("m", step)) == named  # type: ignore[arg-type]
 
 
 def test_changing_a_run_takes_the_right_to_its_robots(here: AuthenticatedGateway) -> None:
