@@ -38,7 +38,7 @@ from linked_fleet_gateway.extensions.missions.conditions import Conditions
 from linked_fleet_gateway.extensions.missions.describing import describe_mission, describe_run, run_json
 from linked_fleet_gateway.extensions.missions.engine import Engine
 from linked_fleet_gateway.extensions.missions.mission import Confirm, Mission, step_at
-from linked_fleet_gateway.extensions.missions.parameters import read_values, run_offer
+from linked_fleet_gateway.extensions.missions.parameters import RunDefinitions, RunOffer, read_values
 from linked_fleet_gateway.extensions.missions.progress import confirmed, retried, skipped
 from linked_fleet_gateway.extensions.missions.reading import check as check_mission
 from linked_fleet_gateway.extensions.missions.reading import form, read_mission, triples_of_mission
@@ -137,6 +137,7 @@ def _missions(
         await conditions.check(mission, tree.view.base, caller)
 
     targets.missions = table.known
+    definitions = RunDefinitions()
 
     def describe(graph: Graph, member: Member[Mission]) -> None:
         describe_mission(graph, member.iri, member.record)
@@ -146,7 +147,11 @@ def _missions(
 
     def actions(member: Member[Mission]) -> list[Offer]:
         handler = partial(_run, targets, engine, core, member.record)
-        return [run_offer(member.path, member.record, handler, targets.possible_robots)]
+        mission, definition = member.record, definitions.of(member.path, member.record)
+        acts_on = targets.possible_robots
+        return [
+            RunOffer(definition, member.path, label=mission.title, handler=handler, mission=mission, acts_on=acts_on)
+        ]
 
     return Container(
         segment="missions", title="Missions", type=LF.MissionList, member_type=LF.Mission, records=table,

@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Iterable, Set
 from dataclasses import dataclass, field
 from decimal import Decimal
-from typing import Any
 
 from pyoxigraph import Literal, NamedNode
 
@@ -140,11 +139,27 @@ def _shape(graph: Graph, parameter: Parameter, predicate: NamedNode) -> Node:
     return node
 
 
-def run_offer(
-    path: str, mission: Mission, handler: Callable[[Any], Any], acts_on: Callable[[Mission], Set[str] | None]
-) -> RunOffer:
-    """Return the action ``run`` of the mission at a path."""
-    definition = ActionDefinition(
+class RunDefinitions:
+    """The definitions of the actions ``run``, one for each mission as it is, so that its shape is compiled once."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[Mission, ActionDefinition]] = {}
+
+    def of(self, path: str, mission: Mission) -> ActionDefinition:
+        """Return the definition for the mission at a path, another one after a change of the mission."""
+        held = self._known.get(path)
+        if held is None or held[0] is not mission:
+            held = self._known[path] = mission, _definition(mission)
+            if len(self._known) > _MOST_DEFINITIONS:
+                del self._known[next(iter(self._known))]
+        return held[1]
+
+
+_MOST_DEFINITIONS = 1024
+
+
+def _definition(mission: Mission) -> ActionDefinition:
+    return ActionDefinition(
         iri=LF.RunMission,
         segment=RUN,
         title="Run",
@@ -156,4 +171,3 @@ def run_offer(
         consumes=LF.RunMission if mission.parameters else None,
         produces=LF.InvocationShape,
     )
-    return RunOffer(definition, path, label=mission.title, handler=handler, mission=mission, acts_on=acts_on)

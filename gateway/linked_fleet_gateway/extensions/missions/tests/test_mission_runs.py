@@ -165,6 +165,10 @@ def test_parameters_are_the_input_of_the_action(scene: Scene) -> None:
     run.ends("succeeded")
     (invocation,) = run.invocations()
     assert '"0.2"' in scene.one.get(invocation).text
+    wider = scene.one.browser.http.get(mission, headers={"accept": "application/json"}).json()
+    wider["parameters"][0]["maximum"] = 0.6
+    assert scene.one.browser.http.put(mission, json=wider).status_code == 204
+    scene.run(mission, {"angle": 0.5}).ends("succeeded")
 
 
 @pytest.mark.parametrize(
