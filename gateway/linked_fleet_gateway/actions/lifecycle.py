@@ -287,7 +287,7 @@ class Lifecycle:
         if invocation is None:
             self.replicated_state.fetch_soon(robot, progress)
             return
-        before, guessed = invocation.state, invocation.expired
+        before, guessed, far = invocation.state, invocation.expired, _tenths(invocation)
         if self._live.invocations.apply(robot, progress) is None:
             return
         if invocation.state.terminal:
@@ -298,7 +298,7 @@ class Lifecycle:
         if guessed:
             self.replicated_state.save(invocation)
             self._announce(invocation)
-        elif invocation.state is not before:
+        elif invocation.state is not before or _tenths(invocation) != far:
             self._announce(invocation)
         else:
             self._live.fan_out.mark_changed(invocation_path(invocation))
@@ -343,6 +343,11 @@ class Lifecycle:
     def _is_online(self, robot: str) -> bool:
         known = self._live.fleet.robots.get(robot)
         return known is not None and known.online
+
+
+def _tenths(invocation: Invocation) -> int:
+    """Return how far an invocation is, as its fleet shows it."""
+    return int(10 * invocation.progress)
 
 
 def _may_not_have_begun(invocation: Invocation) -> bool:

@@ -129,6 +129,7 @@ def contributions_of(extensions: Sequence[Extension]) -> Contributions:
         },
         robot_properties=tuple(one for each in extensions for one in each.robot_properties),
         link_statements=tuple(one for each in extensions for one in each.link_statements),
+        introductions=tuple(one for each in extensions for one in each.introductions),
         placements=tuple(one for each in extensions for one in each.placements),
         functions=tuple(one for each in extensions for one in each.functions),
         patches={media_type: read for each in extensions for media_type, read in each.patches.items()},

@@ -42,6 +42,7 @@ class Contributions:
     """Turtle files by the file or folder of shapes/linked_fleet_shapes that they are read with."""
     robot_properties: tuple[Any, ...] = ()
     link_statements: tuple[Any, ...] = ()
+    introductions: tuple[Any, ...] = ()
     placements: tuple[Any, ...] = ()
     functions: tuple[Any, ...] = ()
     patches: Mapping[str, Any] = field(default_factory=dict)

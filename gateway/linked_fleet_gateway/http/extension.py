@@ -10,7 +10,7 @@ from typing import Any, ClassVar, TypeVar
 
 import msgspec
 from prometheus_client.metrics_core import Metric
-from pyoxigraph import NamedNode, Triple
+from pyoxigraph import Literal, NamedNode, Triple
 from starlette.types import ASGIApp
 
 from linked_fleet_gateway.actions.action_handlers import Handler
@@ -447,6 +447,10 @@ class Extension:
     """
     link_statements: ClassVar[tuple[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]], ...]] = ()
     """Further statements about links: functions of robot and link, which return predicates and paths."""
+    introductions: ClassVar[tuple[Callable[[Robot], Iterable[tuple[NamedNode, Literal]]], ...]] = ()
+    """Further statements about a robot where the fleet lists it: functions of a robot, which return predicates and
+    values.
+    """
     functions: ClassVar[tuple[type[FleetFunctions], ...]] = ()
     """Functions over the live fleet for query languages. The module of the class is imported by other processes too."""
     patches: ClassVar[Mapping[str, PatchReader]] = {}

@@ -11,8 +11,8 @@ from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, moment, timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS, ROS, SOSA, XHV, XSD
+from linked_fleet_gateway.rdf.graph import UNITLESS, Graph, moment, timestamp
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDFS, ROS, SOSA, XHV, XSD
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.annotations import annotate
 from linked_fleet_gateway.resources.invocation import describe_unchecked, unchecked_links
@@ -28,16 +28,28 @@ Links = Iterable[tuple[NamedNode, str]]
 
 
 @dataclass(frozen=True)
-class RobotActivity:
-    """The activity of a robot: paths of its running invocations, the charge of its battery, and True while it moves.
+class Task:
+    """A running invocation: its path, who has asked for it, and how far it is, in tenths."""
 
-    ``moved_ns``: the end of its last movement (wall time); None while it moves.
+    path: str
+    client: str = ""
+    tenths: int = 0
+
+
+@dataclass(frozen=True)
+class RobotActivity:
+    """The activity of a robot: its running invocations, the charge of its battery, and True while it moves.
+
+    ``moved_ns``: the end of its last movement (wall time); None while it moves. ``holder`` has control of it; ``more``
+    is what extensions add.
     """
 
-    tasks: tuple[str, ...] = ()
+    tasks: tuple[Task, ...] = ()
     moved_ns: int | None = None
     battery_percent: Decimal | None = None
     moving: bool = False
+    holder: str = ""
+    more: tuple[tuple[NamedNode, Literal], ...] = ()
 
 
 class Describer:
@@ -90,13 +102,29 @@ class Describer:
         self.presence(graph, iri, robot)
         self._model_name(graph, iri, robot)
         does = activities(robot)
-        graph.add(iri, LF.currentTask, *(self.iri(task) for task in does.tasks))
+        for task in does.tasks:
+            self._task(graph, iri, task)
+        if does.holder:
+            graph.add(iri, LF.lease, self.iri(lease_path(robot.name)))
+            graph.add(self.iri(lease_path(robot.name)), LF.holder, Literal(does.holder))
+        for predicate, value in does.more:
+            graph.add(iri, predicate, value)
         if does.moving:
             graph.add(iri, LF.moving, Literal("true", datatype=XSD.boolean))
         if does.moved_ns is not None:
             graph.add(iri, LF.lastMoved, timestamp(does.moved_ns, resolution_ns=_SECOND_NS))
         if does.battery_percent is not None:
             graph.add(iri, LF.batteryCharge, Literal(f"{does.battery_percent:.1f}", datatype=XSD.decimal))
+
+    def _task(self, graph: Graph, robot: NamedNode, task: Task) -> None:
+        """Describe what a robot is doing, for whom, and how far it is."""
+        iri = self.iri(task.path)
+        graph.add(robot, LF.currentTask, iri)
+        graph.scalar(iri, LF.progress, task.tenths / 10, UNITLESS)
+        if task.client:
+            client = graph.blank(PROV.Agent)
+            graph.add(iri, PROV.wasAssociatedWith, client)
+            graph.add(client, DCTERMS.title, Literal(task.client))
 
     def robot(
         self,

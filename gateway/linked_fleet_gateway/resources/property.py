@@ -87,6 +87,11 @@ def added_robot_properties() -> Sequence[Callable[[Robot], Property]]:
     return present().robot_properties
 
 
+def added_introductions() -> Sequence[Callable[[Robot], Iterable[tuple[NamedNode, Literal]]]]:
+    """Return the functions from a robot to what extensions add where the fleet lists it."""
+    return present().introductions
+
+
 def added_link_statements() -> Sequence[Callable[[Robot, Link], Iterable[tuple[NamedNode, str]]]]:
     """Return the functions from a robot and a link to predicates and paths that extensions add."""
     return present().link_statements

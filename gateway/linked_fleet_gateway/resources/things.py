@@ -18,14 +18,14 @@ from linked_fleet_gateway.resources.affordance import Control, ForgetRobot
 from linked_fleet_gateway.resources.annotations import battery_charge
 from linked_fleet_gateway.resources.binary_frames import frame_writers, has_frames, layout_path, related_layouts
 from linked_fleet_gateway.resources.branches import Branches, RequestView
-from linked_fleet_gateway.resources.describe import Describer, RobotActivity, last_frame, part_paths
+from linked_fleet_gateway.resources.describe import Describer, RobotActivity, Task, last_frame, part_paths
 from linked_fleet_gateway.resources.description import InSteps, MeasuredDescription, run_steps
 from linked_fleet_gateway.resources.invocation import describe_lease, invocation_path
 from linked_fleet_gateway.resources.part import RobotPart, parts_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties
-from linked_fleet_gateway.resources.property import Measurement, Property, Sampler
+from linked_fleet_gateway.resources.property import Measurement, Property, Sampler, added_introductions
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_at, blueprint_of
 from linked_fleet_gateway.resources.settable import put_affordance, target_blueprint
 from linked_fleet_gateway.resources.subscription import Record
@@ -91,7 +91,13 @@ class Things:
         # What frames show counts; before them, as after a restart, the end of the last commanded motion is known.
         moved_ns = self._view.invocations.last_motion_ns(robot.name) if robot.moved_ns is None else robot.moved_ns
         ended_ns = None if robot.moving else moved_ns
-        return RobotActivity(tuple(self._tasks(robot)), ended_ns, _battery_percent(robot), robot.moving)
+        tasks = tuple(
+            Task(invocation_path(each), each.client, int(10 * each.progress))
+            for each in self._view.invocations.open_of_robot(robot.name)
+        )
+        holder = "" if robot.lease is None else robot.lease.holder
+        more = tuple(said for add in added_introductions() for said in add(robot))
+        return RobotActivity(tasks, ended_ns, _battery_percent(robot), robot.moving, holder, more)
 
     def robot(self, robot: Robot) -> Resource:
         """Return a robot, which links its parts, properties and actions."""

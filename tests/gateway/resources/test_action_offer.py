@@ -6,8 +6,10 @@ import pytest
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.actions.action_handlers import HANDLERS
+from linked_fleet_gateway.extensions.faults.terms import LF as FAULT_LF
 from linked_fleet_gateway.extensions.missions.terms import LF as MISSION_LF
 from linked_fleet_gateway.extensions.navigation.drive_to import LF as NAVIGATION_LF
+from linked_fleet_gateway.extensions.queue.terms import LF as QUEUE_LF
 from linked_fleet_gateway.extensions.reach.can_reach import LF
 from linked_fleet_gateway.extensions.world.placement import LF as WORLD_LF
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, METHODS, PREFIXES, RDF
@@ -78,13 +80,13 @@ def test_actions_are_those_that_the_agent_can_do(
 
 
 def test_actions_of_robots_need_what_they_move(bench: Any) -> None:
-    """Without commandable joints only stop; without poses no assumePose; stopAll is always there."""
+    """Without commandable joints only stop; without poses no assumePose; those of the fleet are always there."""
     still = {name: _JOINTS[name] for name in ("plate", "free", "flap")}
     assert _segments(robot_offers(bench.robot(still, annotations=_POSE))) == {"stop"}
     everything = {"moveJoints", "followTrajectory", "reach", "stop"}
     assert _segments(robot_offers(bench.robot(_JOINTS))) == everything
     assert _segments(robot_offers(bench.robot(_JOINTS, annotations=_POSE))) == {*everything, "assumePose"}
-    assert _segments(fleet_offers()) == {"stopAll"}
+    assert _segments(fleet_offers()) == {"stopAll", "raiseFault"}
 
 
 def test_a_robot_without_a_usable_description_offers_nothing(bench: Any) -> None:
@@ -104,6 +106,8 @@ def test_each_kind_of_action_has_a_file_and_a_handler() -> None:
         NAVIGATION_LF.DriveTo,
         NAVIGATION_LF.DriveNear,
         *(MISSION_LF.terms[each] for each in ("PauseRun", "ResumeRun", "RetryStep", "SkipStep", "AnswerStep")),
+        *(FAULT_LF.terms[each] for each in ("RaiseFault", "AcknowledgeFault", "RemarkFault", "ClearFault")),
+        *(QUEUE_LF.terms[each] for each in ("MoveOrder", "WithdrawOrder")),
     }
     for one in action_definitions():
         assert not any(

@@ -1,6 +1,7 @@
 """Whether a robot is in service: a setting of the robot that all gateways share, and its property."""
 
 import logging
+from collections.abc import Iterator
 from functools import lru_cache
 
 import msgspec
@@ -12,7 +13,7 @@ from linked_fleet_gateway.faces import Measurement, Setting
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
-LF = CORE.extended("Availability AvailabilityShape AvailabilityInput availability inService")
+LF = CORE.extended("Availability AvailabilityShape AvailabilityInput availability inService outOfService")
 AVAILABILITY = "availability"
 log = logging.getLogger(__name__)
 
@@ -54,6 +55,12 @@ def availability(robot: Robot) -> Property:
     title = f"availability of {robot.name}"
     kinds, shape = (LF.Availability,), LF.AvailabilityShape
     return Property(AVAILABILITY, LF.availability, kinds, shape, title, describe, put=setting)
+
+
+def introduction(robot: Robot) -> Iterator[tuple[NamedNode, Literal]]:
+    """Yield why a robot is out of service, for the list of robots."""
+    if (reason := out_of_service(robot)) is not None:
+        yield LF.outOfService, Literal(reason)
 
 
 def _record_of(robot: Robot) -> _Record:

@@ -7,7 +7,12 @@ from pathlib import Path
 from prometheus_client.metrics_core import Metric
 
 from linked_fleet_gateway.api import Core, Extension, Mount, gauge
-from linked_fleet_gateway.extensions.availability.availability import AVAILABILITY, availability, out_of_service
+from linked_fleet_gateway.extensions.availability.availability import (
+    AVAILABILITY,
+    availability,
+    introduction,
+    out_of_service,
+)
 
 HERE = Path(__file__).parent
 
@@ -20,6 +25,7 @@ class AvailabilityExtension(Extension):
     vocabulary = (HERE / "vocabulary.ttl",)
     shapes = (HERE / "shapes.ttl",)
     robot_properties = (availability,)
+    introductions = (introduction,)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:

@@ -8,17 +8,18 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pyoxigraph import Literal, NamedNode
+from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.assets import THUMBNAIL
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, actions, path_below, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Time
 from linked_fleet_gateway.extensions.pages.views import LF, Part, constant
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PREFIXES, RDF, RDFS, SH, XSD
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PREFIXES, PROV, RDF, RDFS, SH, VOM, XSD
 
 LOW_PERCENT = 20.0
 """Charge in percent below which a card says that the battery is low; also in `scripts/src/fleet.js`."""
+_OUT_OF_SERVICE = NamedNode(f"{LF.iri}outOfService")
 _PRESENCES = ("online", "faulty", "offline")
 
 
@@ -26,8 +27,9 @@ _PRESENCES = ("online", "faulty", "offline")
 class RobotCard:
     """A robot in the fleet's list.
 
-    ``model``: its kind. ``task``: its current activity in words, empty if none. ``battery``: the charge in percent,
-    empty if unknown. ``thumbnail``: the path of its drawing.
+    ``model``: its kind. ``task``: its current activity in words, empty if none. ``holder`` has control of it.
+    ``out_of_service`` says why it is. ``battery``: the charge in percent, empty if unknown. ``thumbnail``: the path of
+    its drawing.
     """
 
     link: Link
@@ -37,6 +39,8 @@ class RobotCard:
     task: str
     moving: bool
     moved: Time | None
+    holder: str
+    out_of_service: str
     battery: str
     thumbnail: str
 
@@ -62,19 +66,34 @@ def fleet(facts: Facts, iri: NamedNode) -> Part:
 
 
 def _card(facts: Facts, iri: NamedNode) -> RobotCard:
-    tasks = [each.value for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)]
+    tasks = [each for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)]
     moved = facts.values(iri, LF.lastMoved)
     return RobotCard(
         facts.link(iri),
         texts.place(iri.value, facts.root),
         facts.text(iri, LF.modelName),
         presence(facts, iri),
-        texts.task(tasks[0], facts.root) if tasks else "",
+        _doing(facts, tasks[0]) if tasks else "",
         facts.one(iri, LF.moving) == Literal("true", datatype=XSD.boolean),
         moved[0] if moved and isinstance(moved[0], Time) else None,
+        _holder(facts, iri),
+        facts.text(iri, _OUT_OF_SERVICE),
         _percent(facts.text(iri, LF.batteryCharge)),
         path_below(iri.value, facts.root) + THUMBNAIL,
     )
+
+
+def _doing(facts: Facts, task: NamedNode) -> str:
+    """Return what a robot does, how far it is, and for whom; as ``doing`` of `scripts/src/fleet.js`."""
+    share, client = facts.one(task, LF.progress, VOM.numericalValue), facts.one(task, PROV.wasAssociatedWith)
+    far = f" {100 * float(share.value):.0f} %" if isinstance(share, Literal) else ""
+    who = facts.text(client, DCTERMS.title) if isinstance(client, BlankNode) else ""
+    return texts.task(task.value, facts.root) + far + (f" for {who}" if who else "")
+
+
+def _holder(facts: Facts, iri: NamedNode) -> str:
+    holder = facts.one(iri, LF.lease, LF.holder)
+    return texts.clean(holder.value) if isinstance(holder, Literal) else ""
 
 
 def _trouble(card: RobotCard) -> int:

@@ -171,6 +171,7 @@ class NamedContributions(msgspec.Struct):
     files: dict[str, list[str]]
     robot_properties: list[str]
     link_statements: list[str]
+    introductions: list[str]
     functions: list[str]
     placements: list[str]
 
@@ -184,6 +185,7 @@ def contributions() -> str:
         {name: [str(each) for each in files] for name, files in found.files.items()},
         _names(found.robot_properties),
         _names(found.link_statements),
+        _names(found.introductions),
         _names(found.functions),
         _names(found.placements),
     )
@@ -208,6 +210,7 @@ def decode_contributions(text: str) -> Contributions:
         files={name: tuple(map(Path, files)) for name, files in said.files.items()},
         robot_properties=tuple(_resolved(said.robot_properties)),
         link_statements=tuple(_resolved(said.link_statements)),
+        introductions=tuple(_resolved(said.introductions)),
         functions=tuple(_resolved(said.functions)),
         placements=tuple(_resolved(said.placements)),
     )

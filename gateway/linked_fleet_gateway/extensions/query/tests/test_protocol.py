@@ -152,6 +152,7 @@ def test_a_refusal_says_where_the_query_is_wrong(http: httpx.Client) -> None:
 # -- the dataset ------------------------------------------------------------------------------------------------------
 
 _GRAPHS = "SELECT DISTINCT ?g { GRAPH ?g { ?s ?p ?o } }"
+_WORLD = ("world", "world/objects", "world/map")
 _ANY = "SELECT DISTINCT ?s { ?s a <https://w3id.org/linked-fleet#Robot> }"
 
 
@@ -169,7 +170,12 @@ _ANY = "SELECT DISTINCT ?s { ?s a <https://w3id.org/linked-fleet#Robot> }"
         (_GRAPHS, [], ["ur5/", "panda/"], {"ur5/", "panda/"}),
         (_GRAPHS, ["ur5/"], [], set()),
         (_GRAPHS.replace("{", "FROM NAMED <panda/> {", 1), [], ["ur5/"], {"ur5/"}),
-        (_GRAPHS, [], [], {"", "ur5/", "panda/", "vocabulary", "blueprint", "world", "world/objects", "world/map"}),
+        (
+            _GRAPHS,
+            [],
+            [],
+            {"", "ur5/", "panda/", "vocabulary", "blueprint", "faults", "world", "world/objects", "world/map"},
+        ),
     ],
 )
 def test_the_dataset_of_the_request_goes_before_that_of_the_query(

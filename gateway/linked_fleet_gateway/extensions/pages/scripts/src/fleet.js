@@ -4,7 +4,7 @@ import { refresh } from "./age.js";
 import * as drawings from "./card_drawings.js";
 import { follow } from "./live.js";
 import { adopt } from "./region.js";
-import { lf, taskName } from "./vocabulary.js";
+import { NUMERICAL_VALUE, PROV, TITLE, lf, taskName } from "./vocabulary.js";
 
 const CARDS = "#robots li[data-robot]";
 const LOW_PERCENT = 20; // as in root_views.py
@@ -29,14 +29,30 @@ function tell(graph) {
     const task = graph.value(card.dataset.robot, lf("currentTask"));
     const said = card.querySelector("[data-activity]");
     const moving = graph.value(card.dataset.robot, lf("moving"))?.value === "true";
-    const text = task ? taskName(task.value) : moving ? "moving" : "idle";
+    const text = task ? doing(graph, task.value) : moving ? "moving" : "idle";
     if (said.textContent !== text) said.textContent = text;
     said.classList.toggle("busy", Boolean(task) || moving);
     const moved = graph.value(card.dataset.robot, lf("lastMoved"))?.value;
     move(card.querySelector("[data-moved]"), moving, moved);
     charge(card.querySelector("[data-battery]"), graph.value(card.dataset.robot, lf("batteryCharge"))?.value);
+    tellText(card.querySelector("[data-holder]"), graph.follow(card.dataset.robot, [lf("lease"), lf("holder")])?.value);
+    tellText(card.querySelector("[data-out]"), graph.value(card.dataset.robot, lf("outOfService"))?.value);
     drawings.moves(card, Boolean(task) || moving, moved);
   }
+}
+
+/** Return what a robot does, how far it is, and for whom. */
+function doing(graph, task) {
+  const share = graph.follow(task, [lf("progress"), NUMERICAL_VALUE])?.value;
+  const who = graph.follow(task, [`${PROV}wasAssociatedWith`, TITLE])?.value;
+  const far = share === undefined ? "" : ` ${Math.round(100 * Number(share))} %`;
+  return taskName(task) + far + (who ? ` for ${who}` : "");
+}
+
+function tellText(element, text) {
+  element.hidden = text === undefined;
+  const said = element.querySelector("bdi");
+  if (text !== undefined && said.textContent !== text) said.textContent = text;
 }
 
 function charge(element, percent) {

@@ -5,6 +5,7 @@ export const TITLE = "http://purl.org/dc/terms/title";
 export const LABEL = "http://www.w3.org/2000/01/rdf-schema#label";
 export const RESULT_TIME = "http://www.w3.org/ns/sosa/resultTime";
 export const NUMERICAL_VALUE = "http://vocab.arvida.de/2015/06/vom/vocab#numericalValue";
+export const PROV = "http://www.w3.org/ns/prov#";
 export const UNIT = "http://qudt.org/schema/qudt/unit";
 export const ACTION = "https://hybr-it-projekt.de/ns/hybr-it#action";
 
