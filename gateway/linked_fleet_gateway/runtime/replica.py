@@ -7,7 +7,7 @@ from logging import Logger
 from typing import Generic, TypeVar
 
 from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.runtime.background import supervised
+from linked_fleet_gateway.runtime.background import supervised, time_sliced
 
 _T = TypeVar("_T")
 _Done = TypeVar("_Done")
@@ -34,10 +34,10 @@ class Replica(Generic[_T]):
         self._reading = asyncio.Lock()
 
     async def load(self) -> None:
-        """Read all values again."""
+        """Read all values again, and take them in slices of the event loop: there may be thousands."""
         async with self._reading:
             found = await self._load()
-            for id in {*self._ids, *found}:
+            async for id in time_sliced({*self._ids, *found}):
                 self._take(id, found.get(id))
             self._ids = set(found)
 

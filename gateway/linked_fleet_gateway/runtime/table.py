@@ -172,11 +172,14 @@ class Table(Generic[T]):
         return True
 
     def _take(self, id: str, body: bytes | None) -> None:
-        before, after = self._known.get(id), self._read(id, body)
+        before, found = self._known.get(id), digest(body)
+        if before is not None and self._digests.get(id) == found:
+            return  # it is known as it is
+        after = self._read(id, body)
         if body is None:
             self._digests.pop(id, None)
         else:
-            self._digests[id] = digest(body)
+            self._digests[id] = found
         if before == after:
             return
         self.changes += 1
