@@ -69,7 +69,7 @@ def _row(facts: Facts, iri: NamedNode) -> FaultRow:
     can = _has(facts, iri, LF.faultConfirmed) or _has(facts, iri, LF.faultRaised)
     return FaultRow(
         facts.link(iri),
-        facts.link(about) if isinstance(about, NamedNode) else None,
+        facts.placed_link(about) if isinstance(about, NamedNode) else None,
         _word(facts, iri, LF.severity),
         _word(facts, iri, LF.state),
         facts.first_value(iri, LF.since),

@@ -75,7 +75,7 @@ def _outline(facts: Facts, node: BlankNode, deep: int) -> Iterator[StepRow]:
         _word(facts, node),
         facts.text(node, DCTERMS.title) or facts.text(node, DCTERMS.identifier),
         _about(facts, node),
-        facts.link(action) if isinstance(action, NamedNode) else None,
+        facts.placed_link(action) if isinstance(action, NamedNode) else None,
     )
     below = [*facts.all(node, LF.step), *_items(facts, node)]
     for each in below:
@@ -139,7 +139,7 @@ def _step(facts: Facts, node: BlankNode) -> StepRunRow:
         facts.text(node, LF.attempt),
         facts.first_value(node, PROV.startedAtTime),
         facts.first_value(node, PROV.endedAtTime),
-        facts.link(invocation) if isinstance(invocation, NamedNode) else None,
+        facts.placed_link(invocation) if isinstance(invocation, NamedNode) else None,
     )
 
 

@@ -219,6 +219,12 @@ def task(iri: str, root: str) -> str:
     return f"{term_in_words(found[at + 1])} {part}".rstrip()
 
 
+def is_of_robot(iri: str, root: str) -> bool:
+    """Return True for a resource of this fleet that is a robot or something of one."""
+    found = segments(iri, root)
+    return bool(found) and found[0] not in present().at_root
+
+
 def thing(iri: str, root: str) -> str:
     """Describe a resource in words: "right_s1 of baxter", "placement of ur5", "the fleet"."""
     found = segments(iri, root)

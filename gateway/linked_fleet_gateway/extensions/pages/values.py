@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, ClassVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
@@ -262,6 +262,12 @@ class Facts:
             iri.value,
             texts.label_and_comment(iri.value)[1],
         )
+
+    def placed_link(self, iri: NamedNode) -> Link:
+        """Return a link whose text also names the robot, if it is to something of one: "right_s1 of baxter"."""
+        link = self.link(iri)
+        of_robot = iri.value.startswith(self.root) and texts.is_of_robot(iri.value, self.root)
+        return replace(link, text=texts.thing(iri.value, self.root)) if of_robot else link
 
     def link(self, iri: NamedNode) -> Link:
         """Return a link with the title of its target, if the triples contain it."""
