@@ -31,6 +31,7 @@ from commanding import (
     reason,
     slowly,
     state_at,
+    stop_all,
 )
 from gateway_group import Gateway, gateway, gateways, hub
 from redis_servers import Servers
@@ -217,11 +218,10 @@ def test_everybody_may_stop(pair: tuple[Gateway, Gateway], how: str) -> None:
         at_all([one, other], lambda each: state_at(each, motion) is None, "no invocation")
         eventually(lambda: not _tasks(other), "a robot without task")
     else:
-        fleet = browser.page(browser.root)
         url = {
             "stop": lambda: of_robot(browser, LF.StopRobot),
             "hold": lambda: of_joint(browser, PAN, LF.Hold),
-            "stopAll": lambda: str(fleet.one(HYBRIT.action)),
+            "stopAll": lambda: stop_all(browser),
             "cancel": lambda: str(browser.page(here).one(HYBRIT.action)),
         }[how]()
         assert post(browser, url).status_code == 204

@@ -38,6 +38,7 @@ from commanding import (
     reason,
     slowly,
     state_at,
+    stop_all,
 )
 from gateway_group import Gateway, Hub, gateway, gateways
 from parallel import at_once, pool
@@ -212,9 +213,7 @@ def test_the_other_gateway_shows_what_the_fleet_was_asked(pair: tuple[Gateway, G
     """stopAll: the answers of the robots, of which one reports nothing more (others: test_owed_stops.py)."""
     one, other = pair
     motion = _begin(one.browser, PAN)
-    fleet = other.browser.page(other.browser.root)
-    (action,) = [str(each) for each in fleet.graph.objects(fleet.iri, HYBRIT.action)]
-    url = begun(post(other.browser, action))
+    url = begun(post(other.browser, stop_all(other.browser)))
     assert ended(one.browser, motion).one(LF.state) == LF.cancelled
     eventually(lambda: state_at(one, url) is not None, "the invocation at the other gateway")
     eventually(lambda: _answers(one, url).get("ur5") == "succeeded", "the answer of ur5")

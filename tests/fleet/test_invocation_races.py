@@ -10,7 +10,7 @@ import pytest
 from pyoxigraph import NamedNode
 from rdflib import URIRef
 
-from browser import HYBRIT, LF, Browser
+from browser import HYBRIT, LF
 from commanding import (
     PAN,
     PREFIXES,
@@ -32,6 +32,7 @@ from commanding import (
     reason,
     slowly,
     state_at,
+    stop_all,
 )
 from gateway_group import Gateway, gateway, gateways, hub
 from linked_fleet_gateway.actions.guards import Guards
@@ -186,12 +187,8 @@ def test_a_target_is_the_same_at_both_gateways_and_gone_after_a_stop(memory: Ser
         same(LF.unknown)
         begun(put(one.browser, of_joint(one.browser, PAN), radian(0.2), prefer="wait=30"))
         same(0.2)
-        begun(post(one.browser, _stop_all(one.browser)))
+        begun(post(one.browser, stop_all(one.browser)))
         same(LF.unknown)
-
-
-def _stop_all(browser: Browser) -> str:
-    return str(browser.page(browser.root).one(HYBRIT.action))
 
 
 def test_a_check_that_breaks_off_ends_the_invocation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -61,6 +61,11 @@ def of_robot(browser: Browser, kind: URIRef, robot: str = "ur5") -> str:
     return browser.found((robot, kind), lambda: browser.action(browser.robot(robot), kind))
 
 
+def stop_all(browser: Browser) -> str:
+    """Return the action that stops the fleet."""
+    return browser.found(("", LF.StopAll), lambda: browser.action(browser.page(browser.root), LF.StopAll))
+
+
 def put(browser: Browser, url: str, body: str, **fields: str) -> httpx.Response:
     return browser.http.put(url, content=body, headers=TURTLE | fields, timeout=70)
 

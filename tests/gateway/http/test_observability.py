@@ -317,7 +317,20 @@ def test_dashboard_alerts_and_page_name_all_exported_metrics(http: httpx.Client)
 
 
 def test_expressions_select_and_group_by_labels_that_there_are() -> None:
-    known = {"instance", "job", "le", "robot", "presence", "method", "status", "kind", "outcome", "code", "state"}
+    known = {
+        "instance",
+        "job",
+        "le",
+        "robot",
+        "presence",
+        "method",
+        "status",
+        "kind",
+        "outcome",
+        "code",
+        "state",
+        "severity",
+    }
     for each in expressions():
         selected = set(re.findall(r"(\w+)(?:=~|!=|!~|=)\"", each))
         grouped = {label.strip() for group in re.findall(r"by \(([^)]*)\)", each) for label in group.split(",")}

@@ -6,15 +6,15 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.api import Graph, Member, integer, timestamp
 from linked_fleet_gateway.extensions.faults.fault import Fault
+from linked_fleet_gateway.extensions.faults.links import Links
 from linked_fleet_gateway.extensions.faults.terms import LF, STATES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, VOM
 
 
-def describe(graph: Graph, member: Member[Fault]) -> None:
+def describe(graph: Graph, member: Member[Fault], links: Links) -> None:
     """Add all statements about a fault, besides its types and title."""
     iri, fault = member.iri, member.record
     trouble = fault.trouble
-    graph.add(iri, LF.about, member.view.iri(trouble.place))
     graph.add(iri, LF.faultKind, Literal(trouble.kind))
     graph.add(iri, LF.severity, LF.terms[trouble.severity])
     graph.add(iri, LF.state, STATES[fault.state])
@@ -24,7 +24,7 @@ def describe(graph: Graph, member: Member[Fault]) -> None:
     graph.add(iri, LF.present, Literal(fault.present))
     graph.add(iri, LF.latched, Literal(trouble.latched))
     _describe_people(graph, iri, fault)
-    for predicate, path in ((LF.evidence, trouble.invocation), (LF.recording, trouble.recording)):
+    for predicate, path in zip((LF.about, LF.evidence, LF.recording), links, strict=True):
         if path:
             graph.add(iri, predicate, member.view.iri(path))
     for name, value in trouble.values.items():
@@ -46,13 +46,12 @@ def _describe_people(graph: Graph, iri: NamedNode, fault: Fault) -> None:
             graph.add(iri, LF.clearedBy, Literal(fault.cleared_by))
 
 
-def fault_json(member: Member[Fault]) -> bytes:
+def fault_json(member: Member[Fault], links: Links) -> bytes:
     """Return a fault in plain JSON."""
     fault, base = member.record, member.view.base
     trouble = fault.trouble
     told: dict[str, object] = {
         "title": trouble.says,
-        "about": base + trouble.place,
         "faultKind": trouble.kind,
         "severity": trouble.severity,
         "state": fault.state,
@@ -68,8 +67,7 @@ def fault_json(member: Member[Fault]) -> bytes:
         "remark": fault.remark,
         "clearedBy": fault.cleared_by,
         "clearedAt": fault.cleared_ns and timestamp(fault.cleared_ns).value,
-        "evidence": trouble.invocation and base + trouble.invocation,
-        "recording": trouble.recording and base + trouble.recording,
+        **{name: path and base + path for name, path in links._asdict().items()},
         "valuesThen": trouble.values,
     }
     return json.dumps(told | {name: value for name, value in more.items() if value}, ensure_ascii=False).encode()

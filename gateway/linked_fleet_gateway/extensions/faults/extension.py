@@ -23,7 +23,9 @@ from linked_fleet_gateway.api import (
     Core,
     Extension,
     FleetBranch,
+    Graph,
     Invocation,
+    Member,
     Mount,
     NamedNode,
     NavigationEntry,
@@ -45,6 +47,7 @@ from linked_fleet_gateway.extensions.faults.fault import SEVERITIES, Fault, Seve
 from linked_fleet_gateway.extensions.faults.gateways import Gateways
 from linked_fleet_gateway.extensions.faults.kinds import policy_of
 from linked_fleet_gateway.extensions.faults.ledger import ROUND_S, Change, Ledger
+from linked_fleet_gateway.extensions.faults.links import Linking
 from linked_fleet_gateway.extensions.faults.messages import Telling
 from linked_fleet_gateway.extensions.faults.notify import LOOK_S, Notifier, by_apprise
 from linked_fleet_gateway.extensions.faults.raising import raise_fault
@@ -92,8 +95,12 @@ class FaultsExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         section = core.section(FaultSettings)
         signals = Signals(policy_of)
+        make = partial(_container, Linking(core))
         watch = Watch(core, signals, _about_run(core), _recorded(core))
-        async with Gateways(core) as gateways, core.open_container("faults", Fault, _container, section.most) as faults:
+        async with (
+            Gateways(core) as gateways,
+            core.open_container("faults", Fault, make, section.most) as faults,
+        ):
             records = faults.records
             assert isinstance(records, Table)
             ledger = Ledger(
@@ -152,14 +159,18 @@ def _recorded(core: Core) -> Callable[[Invocation, str], str]:
 # -- the container ----------------------------------------------------------------------------------------------------
 
 
-def _container(table: Table[Fault]) -> Container[Fault]:
+def _container(linking: Linking, table: Table[Fault]) -> Container[Fault]:
     def read(body: Body) -> Fault:
         raise UnprocessableContent("Faults are not written.")
 
+    def describe_one(graph: Graph, member: Member[Fault]) -> None:
+        describe(graph, member, linking.of(member))
+
     return Container(
         segment="faults", title="Faults", type=LF.FaultList, member_type=LF.Fault, records=table,
-        shape=LF.FaultShape, read=read, describe=describe, title_of=lambda fault: fault.trouble.says,
-        json=fault_json, predicate=LF.faults, visible=_is_visible, blueprint=LF.FaultListShape,
+        shape=LF.FaultShape, read=read, describe=describe_one, facts=linking.of,
+        title_of=lambda fault: fault.trouble.says, json=lambda member: fault_json(member, linking.of(member)),
+        predicate=LF.faults, visible=_is_visible, blueprint=LF.FaultListShape,
         member_blueprint=LF.FaultShape, writing=(Right.ADMIN,), by_clients=False,
     )  # fmt: skip
 
@@ -237,9 +248,9 @@ def _metrics(ledger: Ledger, signals: Signals, notifier: Notifier | None) -> Ite
     yield gauges("open_faults", "Faults that are not cleared.", "severity", _of_each(of_all))
     yield gauges("unacknowledged_faults", "Confirmed faults that nobody acknowledged.", "severity", _of_each(unseen))
     yield counter("faults_left_out", "Faults that this gateway could not record.", ledger.full + signals.left_out)
-    if notifier is not None:
-        yield counter("fault_messages", "Messages about faults that this gateway has sent.", notifier.sent)
-        yield counter("fault_message_failures", "Messages about faults that could not be sent.", notifier.failed)
+    sent, failed = (0, 0) if notifier is None else (notifier.sent, notifier.failed)
+    yield counter("fault_messages", "Messages about faults that this gateway has sent.", sent)
+    yield counter("fault_message_failures", "Messages about faults that could not be sent.", failed)
 
 
 def _of_each(counts: Mapping[Severity, int]) -> list[tuple[str, float]]:

@@ -102,6 +102,10 @@ class Recorder:
     def _of(self, robot: str) -> dict[str, Path]:
         return self._files.get(_folder_name(robot), {})
 
+    def has(self, robot: str, id: str) -> bool:
+        """Return True if there is a recording of an invocation of a robot here."""
+        return id in self._of(robot)
+
     def record_outcome(self, invocation: Invocation) -> None:
         """Record once when a motion fails or a stop begins.
 
@@ -263,4 +267,4 @@ class RecordingsExtension(Extension):
             return
         recorder = Recorder(core, history, core.optional_service(World), core.state_path / "recordings")
         async with recorder.running() as branch:
-            yield Mount(branches=(branch,), formats={"mcap": ("MCAP", MCAP)})
+            yield Mount(branches=(branch,), formats={"mcap": ("MCAP", MCAP)}, services=(recorder,))
