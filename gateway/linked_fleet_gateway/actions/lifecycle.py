@@ -260,16 +260,15 @@ class Lifecycle:
         """Wait until the invocation has ended. Return False after ``timeout_s``."""
         return await self.waiters.wait_until(invocation, lambda one: one.state.terminal, timeout_s)
 
-    async def stop_motion(self, invocation: Invocation, reason: str, refused: str = "") -> Reply | None:
+    async def stop_motion(self, invocation: Invocation, reason: str) -> Reply | None:
         """Stop the motion of an invocation. Return the agent's reply, if any.
 
-        An agent that does not know the motion will never start it, which is kept as ``refused``; an end that has
-        happened is reported.
+        An agent that does not know the motion will never start it; an end that has happened is reported.
         """
         stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
         reply = (await self.stops.send((invocation.robot,), stop)).get(invocation.robot)
         self.command_metrics.count_reply(invocation.robot, reply)
-        await self._judge_stop(invocation, reply, refused)
+        await self._judge_stop(invocation, reply)
         return reply
 
     async def _judge_stop(self, invocation: Invocation, reply: Reply | None, refused: str = "") -> None:
@@ -324,11 +323,15 @@ class Lifecycle:
     async def _ask(self, invocation: Invocation) -> None:
         """Ask an agent what became of a command of whose acceptance no gateway knows: perhaps its gateway has died.
 
-        One that the agent does not know has not begun, and never will.
+        One that the agent does not know has not begun, and never will. The stop by which this is asked is not owed: an
+        agent without an answer leaves the command as it is, and takes others.
         """
         self._asked.add(invocation.id)
+        reason = "nobody knows whether it had begun"
+        stop = Stop(version=WIRE_VERSION, id=str(uuid.uuid4()), command=invocation.id, reason=reason)
         try:
-            await self.stop_motion(invocation, "nobody knows whether it had begun", NOT_BEGUN)
+            replies = await self._live.link.stop((invocation.robot,), stop, ANSWER_TIMEOUT_S)
+            await self._judge_stop(invocation, replies.get(invocation.robot), NOT_BEGUN)
         finally:
             self._asked.discard(invocation.id)
         if not invocation.state.terminal:
