@@ -1,6 +1,5 @@
 """The resource ``/timeline``, and how it is read."""
 
-import asyncio
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -50,7 +49,7 @@ def timeline_branch(collector: Collector) -> FleetBranch:
 
 
 async def read_timeline(request: Request, resource: Resource, timeline: Timeline) -> Response:
-    """Return the requested part of the timeline, written in a thread. Raises BadRequest, NotFound."""
+    """Return the requested part of the timeline, written in a thread. Raises BadRequest, NotFound, Busy."""
     now_ns, view = time.time_ns(), timeline.view
     window = parse_window(request.query_params.multi_items(), now_ns)
     _check_robot(window, view)
@@ -61,7 +60,7 @@ async def read_timeline(request: Request, resource: Resource, timeline: Timeline
         check_preconditions(request, selected)
         return read_resource(request, selected)
 
-    return await asyncio.to_thread(write)
+    return await request.services.writing_offload.run(write, len(found.activities) + 1, 0)
 
 
 def _check_robot(window: Window, view: RequestView) -> None:

@@ -234,3 +234,15 @@ def test_other_times_are_links_that_work_without_a_script(here: AuthenticatedGat
         told = both.http.get(ways["Zoom in"], headers={"accept": "application/json"}).json()
         length = datetime.fromisoformat(told["until"]) - datetime.fromisoformat(told["from"])
         assert length == timedelta(hours=1)
+
+
+def test_what_happened_links_the_time_around_it(here: AuthenticatedGateway, happened: dict[str, str]) -> None:
+    with here.browsing("both") as both:
+        (fault,) = of(timeline(both), "fault", SEEN)
+        for iri in (happened[f"{SEEN} held"], happened[f"{SEEN} run"], fault["of"]):
+            page = parsed(both.http.get(iri, headers={"accept": "text/html"}).content)
+            (href,) = [each["href"] for each in page.all("a") if each.text == "In the timeline"]
+            told = both.http.get(href, headers={"accept": "application/json"}).json()
+            assert iri in {each["of"] for each in told["activities"]}, iri
+            length = datetime.fromisoformat(told["until"]) - datetime.fromisoformat(told["from"])
+            assert length < timedelta(minutes=10)
