@@ -61,6 +61,11 @@ def ticks(scale: Scale) -> list[Tick]:
     return found
 
 
+def room_of(text: str) -> float:
+    """Return the width of a text with its sign, at most that of 30 characters."""
+    return 30.0 + 7.0 * min(len(text), 30)
+
+
 def lanes(extents: Iterable[tuple[float, float]]) -> list[int]:
     """Return the lanes of bars, in the order of their beginnings: none is over another while there is room."""
     ends, found = list[float](), list[int]()

@@ -10,7 +10,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.api import DCTERMS, RDFS
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
-from linked_fleet_gateway.extensions.timeline.chart import LANE, WIDTH, Scale, lanes, ticks
+from linked_fleet_gateway.extensions.timeline.chart import LANE, MOST_LANES, WIDTH, Scale, lanes, room_of, ticks
 from linked_fleet_gateway.extensions.timeline.describing import PATH
 from linked_fleet_gateway.extensions.timeline.terms import LF
 from linked_fleet_gateway.extensions.timeline.window import HOUR_NS, SECOND_NS, Window, at, moved, query_of, zoomed
@@ -63,12 +63,14 @@ class Entry:
 
 @dataclass(frozen=True)
 class Bar:
-    """An activity in the chart."""
+    """An activity in the chart. Its text is cut off where its room ends."""
 
     entry: Entry
     x: float
     y: int
     width: float
+    room: float
+    """The width of the bar, or more for its text."""
 
 
 @dataclass(frozen=True)
@@ -134,9 +136,10 @@ def _entry(facts: Facts, node: NamedNode, now_s: float) -> Entry:
     state = texts.local_name(facts.iri_of(node, LF.state)).removeprefix("fault").lower()
     look, agent = _LOOK.get(state, "odd"), facts.one(node, PROV.wasAssociatedWith)
     of = facts.iri_of(node, LF.activityOf)
+    kind, title = facts.text(node, LF.activityKind), facts.text(node, DCTERMS.title)
     return Entry(
-        Link(texts.clean(texts.capitalized(facts.text(node, DCTERMS.title))), of, of),
-        facts.text(node, LF.activityKind),
+        Link(texts.capitalized(title) if kind == "action" else title, of, of),
+        kind,
         state,
         look,
         _COLOURS[look],
@@ -174,9 +177,13 @@ def _rows(
 
 def _row(robot: Link, alone: str, entries: Sequence[Entry], scale: Scale) -> Row:
     extents = [scale.extent(each.begin_s, each.end_s) for each in entries]
-    placed = lanes(extents)
+    rooms = [(x, max(width, room_of(each.link.text))) for each, (x, width) in zip(entries, extents, strict=True)]
+    placed = lanes(rooms)
+    if max(placed, default=0) == MOST_LANES - 1:  # too many for texts beside bars
+        rooms, placed = extents, lanes(extents)
     bars = [
-        Bar(entry, x, lane * LANE + 2, width) for entry, (x, width), lane in zip(entries, extents, placed, strict=True)
+        Bar(entry, x, lane * LANE + 2, width, room)
+        for entry, (x, width), (_, room), lane in zip(entries, extents, rooms, placed, strict=True)
     ]
     return Row(robot, alone, bars, LANE * (max(placed, default=0) + 1) + 2)
 

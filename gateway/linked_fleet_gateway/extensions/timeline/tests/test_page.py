@@ -49,6 +49,15 @@ def test_bars_are_where_their_times_are() -> None:
     assert row(more, "panda").said == "nothing"
 
 
+def test_texts_have_room_beside_short_bars_while_there_are_lanes() -> None:
+    short = [activity("succeeded", -5 + n / 100, -4.9) for n in range(3)]
+    bars = row(shown(*short), "ur5").bars
+    assert all(each.room > 5 * each.width for each in bars)
+    assert len({each.y for each in bars}) == 3
+    many = row(shown(*short, *(activity("failed", -9 + n / 1000, -8.9) for n in range(20))), "ur5").bars
+    assert all(each.room == each.width for each in many)
+
+
 def test_what_waits_is_drawn_until_its_deadline() -> None:
     waits = activity("waiting", -30, None, latest_ns=NOW_NS + 30 * MINUTE_NS, planned=True)
     (bar,) = row(shown(waits), "ur5").bars
