@@ -47,7 +47,7 @@ class Collector:
         """Return what a caller may see in a window."""
         newest = Newest()
         starts, planned_ns = await self._starts(view, window)
-        async for each in self._activities(view):
+        async for each in self._activities(view, window):
             if each.is_in(window, now_ns):
                 newest.add(each)
         for each in starts:
@@ -55,14 +55,14 @@ class Collector:
         complete_ns = window.from_ns if newest.complete_ns is None else newest.complete_ns
         return Chronicle(window, now_ns, newest.in_order(), newest.left_out, complete_ns, planned_ns)
 
-    async def _activities(self, view: RequestView) -> AsyncIterator[Activity]:
-        """Yield all activities, whenever they are, but for those to come."""
+    async def _activities(self, view: RequestView, window: Window) -> AsyncIterator[Activity]:
+        """Yield all activities but starts to come. Few of them were over before the window."""
         runs = await self._visible_runs(view)
         for id, (run, about) in runs.items():
             yield sources.of_run(id, run, about)
         async for robot in time_sliced((sources.FLEET, *view.robots)):
             async for invocation in time_sliced(view.invocations.of_robot(robot)):
-                if invocation.id not in runs:
+                if invocation.id not in runs and not sources.ended_before(invocation, window.from_ns):
                     yield sources.of_invocation(view, invocation)
         async for each in time_sliced(chain(self._faults(view), self._orders(view))):
             if each is not None:

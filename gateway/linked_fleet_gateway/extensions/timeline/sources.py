@@ -18,6 +18,12 @@ _HUMP = re.compile(r"(?<=[a-z0-9])(?=[A-Z])")
 # -- invocations and runs of missions ---------------------------------------------------------------------------------
 
 
+def ended_before(invocation: Invocation, time_ns: int) -> bool:
+    """Return True if an invocation was over before a time, as most are."""
+    begin_ns = invocation.started_ns or invocation.created_ns
+    return invocation.state.terminal and max(invocation.ended_ns or 0, begin_ns) < time_ns
+
+
 def of_invocation(view: RequestView, invocation: Invocation) -> Activity:
     """Return the activity of an invocation."""
     begin_ns = invocation.started_ns or invocation.created_ns
