@@ -45,6 +45,10 @@ class InvocationsInView:
     def open_of_action(self, action: str) -> list[Invocation]:
         return self._seen(self._invocations.open_of_action(action))
 
+    def of_robot(self, robot: str) -> list[Invocation]:
+        """Return the invocations of one robot, newest first; those of the fleet for ``FLEET``."""
+        return self._seen(self._invocations.of_robot(robot))
+
     def open_of_robot(self, robot: str) -> list[Invocation]:
         return self._seen(self._invocations.open_of_robot(robot))
 

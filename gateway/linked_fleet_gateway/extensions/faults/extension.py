@@ -74,6 +74,22 @@ class FaultSettings(Section):
     notify_again_h: int = setting(whole_number(1, 720), "12", "hours between two messages about a fault")
 
 
+@dataclass(frozen=True)
+class KnownFaults:
+    """What other extensions may ask about faults."""
+
+    known: Mapping[str, Fault]
+
+    def seen_by(self, sees: View) -> list[tuple[str, Fault]]:
+        """Return the faults of which those who see these robots may know, by id."""
+        return [(id, each) for id, each in self.known.items() if is_visible(each, sees)]
+
+
+def is_visible(fault: Fault, sees: View) -> bool:
+    """Return True if those who see these robots may know of a fault."""
+    return all(map(sees.includes, fault.trouble.robots))
+
+
 class FaultsExtension(Extension):
     """Faults at ``/faults``."""
 
@@ -125,6 +141,7 @@ class FaultsExtension(Extension):
                         branches=(_branch(faults),),
                         handlers=_handlers(core, ledger),
                         metrics=lambda: _metrics(ledger, signals, notifier),
+                        services=(KnownFaults(records.known),),
                     )
             finally:
                 core.live.remove_value_listener(watch.hear_values)
@@ -170,13 +187,9 @@ def _container(linking: Linking, table: Table[Fault]) -> Container[Fault]:
         segment="faults", title="Faults", type=LF.FaultList, member_type=LF.Fault, records=table,
         shape=LF.FaultShape, read=read, describe=describe_one, facts=linking.of,
         title_of=lambda fault: fault.trouble.says, json=lambda member: fault_json(member, linking.of(member)),
-        predicate=LF.faults, visible=_is_visible, blueprint=LF.FaultListShape,
+        predicate=LF.faults, visible=is_visible, blueprint=LF.FaultListShape,
         member_blueprint=LF.FaultShape, writing=(Right.ADMIN,), by_clients=False,
     )  # fmt: skip
-
-
-def _is_visible(fault: Fault, sees: View) -> bool:
-    return all(map(sees.includes, fault.trouble.robots))
 
 
 def _branch(faults: Container[Fault]) -> FleetBranch:

@@ -8,7 +8,7 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.api import DCTERMS, LDP
 from linked_fleet_gateway.extensions.faults.terms import LF, STATES
-from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
+from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, VOM
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -83,7 +83,8 @@ def fault(facts: Facts, iri: NamedNode) -> Part:
     actions = [facts.link(each) for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
     nodes = [each for each in facts.all(iri, LF.valuesThen) if isinstance(each, BlankNode)]
     values = [(facts.text(each, DCTERMS.title), facts.text(each, VOM.numericalValue)) for each in nodes]
-    more = {"fault": _row(facts, iri), "values": values, "actions": actions}
+    around = timeline_link(facts, facts.text(iri, LF.since), facts.text(iri, LF.clearedAt))
+    more = {"fault": _row(facts, iri), "values": values, "actions": actions, "timeline": around}
     return Part(more, {LF.valuesThen, LF.severity, LF.state, HYBRIT.action}, {*nodes})
 
 

@@ -9,7 +9,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 from linked_fleet_gateway.api import DCTERMS, LDP, RDF
 from linked_fleet_gateway.extensions.missions.describing import CLASSES
 from linked_fleet_gateway.extensions.missions.terms import LF
-from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
+from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, PROV
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -124,7 +124,13 @@ def _run(facts: Facts, iri: NamedNode) -> RunRow:
 def run(facts: Facts, iri: NamedNode) -> Part:
     steps = [_step(facts, each) for each in facts.all(iri, LF.stepRun) if isinstance(each, BlankNode)]
     notes = [each.value for each in facts.all(iri, LF.note) if isinstance(each, Literal)]
-    more = {"run": _run(facts, iri), "steps": steps, "notes": notes, "actions": _actions(facts, iri)}
+    more = {
+        "run": _run(facts, iri),
+        "steps": steps,
+        "notes": notes,
+        "actions": _actions(facts, iri),
+        "timeline": timeline_link(facts, facts.text(iri, DCTERMS.created)),
+    }
     return Part(more, {LF.stepRun, LF.note, LF.state, LF.reason, HYBRIT.action})
 
 

@@ -7,6 +7,7 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages.moments import timeline_link
 from linked_fleet_gateway.extensions.pages.thing_views import actions, unchecked_links
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, State, Value
 from linked_fleet_gateway.extensions.pages.views import Part
@@ -62,6 +63,7 @@ def invocation(facts: Facts, iri: NamedNode) -> Part:
     }
     targets, results = (_positions(facts, iri, predicate) for predicate in (LF.target, LF.result))
     joints = dict.fromkeys((*targets, *results))
+    begin = facts.text(iri, PROV.startedAtTime) or facts.text(iri, DCTERMS.created)
     more = {
         **said,
         "about": texts.thing(iri.value, facts.root),
@@ -70,6 +72,7 @@ def invocation(facts: Facts, iri: NamedNode) -> Part:
         "actions": actions(facts, iri),
         "open": facts.one(iri, HYBRIT.action) is not None,
         "unchecked": unchecked_links(facts, iri),
+        "timeline": timeline_link(facts, begin, facts.text(iri, PROV.endedAtTime)),
     }
     shown = {LF.unchecked, LF.state, LF.progress, LF.reason, LF.input, LF.target, LF.result, HYBRIT.action}
     return Part(more, shown, title=_motion(facts, iri) if "/invocations/" in iri.value else "")

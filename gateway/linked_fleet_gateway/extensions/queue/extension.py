@@ -36,6 +36,7 @@ from linked_fleet_gateway.extensions.queue.dispatcher import KEPT, Dispatcher
 from linked_fleet_gateway.extensions.queue.handlers import handlers
 from linked_fleet_gateway.extensions.queue.needs import Needs, Selections
 from linked_fleet_gateway.extensions.queue.order import Assignments, Order
+from linked_fleet_gateway.extensions.queue.planned import PlannedWork
 from linked_fleet_gateway.extensions.queue.reading import form, read_order
 from linked_fleet_gateway.extensions.queue.records import OrderRecords
 from linked_fleet_gateway.extensions.queue.schedule import Schedule
@@ -43,7 +44,7 @@ from linked_fleet_gateway.extensions.queue.schedules import ScheduleRecords
 from linked_fleet_gateway.extensions.queue.starting import Orders, Starts
 from linked_fleet_gateway.extensions.queue.terms import LF
 from linked_fleet_gateway.extensions.queue.timetable import Timetable
-from linked_fleet_gateway.faces import Claims, Identity, Tree, View
+from linked_fleet_gateway.faces import Claims, Identity, Tree
 
 HERE = Path(__file__).parent
 
@@ -118,6 +119,7 @@ class QueueExtension(Extension):
                                 branches=(queue.branch, listed.branch),
                                 handlers=handlers(core, orders, needs, dispatcher.wake),
                                 metrics=lambda: _metrics(table.known.values(), listed.records.known.values()),
+                                services=(PlannedWork(table.known, listed.records.known, needs),),
                             )
 
 
@@ -138,15 +140,10 @@ def _queue(records: OrderRecords, needs: Needs, dispatcher: Dispatcher, checks: 
     async def check(order: Order, tree: Tree, caller: Identity) -> None:
         await checks.check(order.wanted, tree, caller)
 
-    def visible(order: Order, sees: View) -> bool:
-        if sees.includes_all:
-            return True
-        return all(map(sees.includes, {*order.robots, *needs.robots_of(order)}))
-
     return Container(
         segment="queue", title="Queue", type=LF.Queue, member_type=LF.QueuedOrder, records=records,
         shape=LF.OrderInput, read=read_order, describe=describe, title_of=lambda order: order.title,
-        predicate=LF.queue, visible=visible, blueprint=LF.QueueShape, member_blueprint=LF.OrderShape,
+        predicate=LF.queue, visible=needs.shows, blueprint=LF.QueueShape, member_blueprint=LF.OrderShape,
         writing=(Right.ACT, Right.ADMIN), form=form, check=check, signed=_signed, facts=facts,
         json=lambda member: order_json(member.id, member.record, facts(member)),
     )  # fmt: skip

@@ -14,7 +14,7 @@ from linked_fleet_gateway.extensions.queue.order import Choice, Order
 from linked_fleet_gateway.extensions.queue.robots import Robots
 from linked_fleet_gateway.extensions.queue.turns import Need
 from linked_fleet_gateway.extensions.rules.rule_invocation import path_in_fleet
-from linked_fleet_gateway.faces import Identity
+from linked_fleet_gateway.faces import Identity, View
 
 log = logging.getLogger(__name__)
 CLIENT = "queue"
@@ -144,6 +144,10 @@ class Needs:
             return frozenset()
         listed = () if order.wanted.choice is None else order.wanted.choice.robots
         return self.targets.used_robots(mission, (*order.wanted.input.values(), *listed), order.base)
+
+    def shows(self, order: Order, sees: View) -> bool:
+        """Return True if those who see these robots may know of an order."""
+        return sees.includes_all or all(map(sees.includes, {*order.robots, *self.robots_of(order)}))
 
     def _robots(self, id: str, order: Order, mission: Mission) -> frozenset[str]:
         held = self._fixed.get(id)

@@ -190,7 +190,7 @@ def container(records: ScheduleRecords, checks: Checks, needs: Needs) -> Contain
         await checks.check(schedule.planned.order, tree, caller)
 
     def visible(schedule: Schedule, sees: View) -> bool:
-        return sees.includes_all or all(map(sees.includes, needs.robots_of(as_order(schedule))))
+        return needs.shows(as_order(schedule), sees)
 
     def describe(graph: Graph, member: Member[Schedule]) -> None:
         describe_schedule(graph, member.iri, member.record)

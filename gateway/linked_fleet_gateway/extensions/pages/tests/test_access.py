@@ -92,6 +92,7 @@ def pages(fleet: RunningFleet, browser: Browser) -> dict[str, str]:
         "history": history,
         "history of a property": rotation + "/history",
         "audit": browser.root + "audit",
+        "timeline": str(root.one(LF.timeline)),
         "world": world.url,
         "objects": str(world.one(LF.objects)),
         "object": crate.headers["location"],

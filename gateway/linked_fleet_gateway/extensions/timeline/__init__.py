@@ -1,0 +1,1 @@
+"""What happened in the fleet, what happens and what is planned, by robot (README.md)."""
