@@ -3,7 +3,7 @@
 import csv
 import io
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 
 from pyoxigraph import Literal, NamedNode
 
@@ -41,10 +41,11 @@ def steps(graph: Graph, base: str, found: Chronicle, robots: Sequence[str]) -> I
     graph.add(iri, LF.shownRobot, *(NamedNode(base + robot_path(each)) for each in shown))
     graph.add(iri, LF.robotsLeftOut, integer(0 if window.robot else len(robots) - len(shown)))
     yield
+    known = frozenset(robots)
     for each in found.activities:
         one = NamedNode(f"{iri.value}#{each.id}")
         graph.add(iri, LF.activity, one)
-        _describe_activity(graph, base, one, each)
+        _describe_activity(graph, base, one, each, known)
         yield
 
 
@@ -58,7 +59,8 @@ def shown_robots(found: Chronicle, robots: Sequence[str]) -> list[str]:
     return [each for each in robots if each in chosen]
 
 
-def _describe_activity(graph: Graph, base: str, iri: NamedNode, activity: Activity) -> None:
+def _describe_activity(graph: Graph, base: str, iri: NamedNode, activity: Activity, known: Set[str]) -> None:
+    """Describe an activity, with those of its robots that are there."""
     graph.a(iri, PROV.Activity, LF.TimelineActivity)
     graph.add(iri, DCTERMS.title, Literal(activity.title))
     graph.add(iri, LF.activityKind, Literal(activity.kind))
@@ -73,7 +75,7 @@ def _describe_activity(graph: Graph, base: str, iri: NamedNode, activity: Activi
         agent = graph.blank(PROV.Agent)
         graph.add(iri, PROV.wasAssociatedWith, agent)
         graph.add(agent, DCTERMS.title, Literal(activity.who))
-    graph.add(iri, LF.ofRobot, *(NamedNode(base + robot_path(each)) for each in activity.robots))
+    graph.add(iri, LF.ofRobot, *(NamedNode(base + robot_path(each)) for each in activity.robots if each in known))
 
 
 def _begin_predicate(activity: Activity) -> NamedNode:
@@ -86,8 +88,9 @@ def _begin_predicate(activity: Activity) -> NamedNode:
 # -- plain JSON and CSV -----------------------------------------------------------------------------------------------
 
 
-def timeline_json(base: str, found: Chronicle) -> bytes:
+def timeline_json(base: str, found: Chronicle, robots: Sequence[str]) -> bytes:
     """Return a timeline in plain JSON."""
+    known = frozenset(robots)
     told = {
         "from": lexical(found.window.from_ns),
         "until": lexical(found.window.until_ns),
@@ -95,12 +98,12 @@ def timeline_json(base: str, found: Chronicle) -> bytes:
         "leftOut": found.left_out,
         "completeFrom": lexical(found.complete_ns),
         "completeUntil": lexical(found.planned_ns),
-        "activities": [_activity_json(base, each) for each in found.activities],
+        "activities": [_activity_json(base, each, known) for each in found.activities],
     }
     return json.dumps(told, ensure_ascii=False).encode()
 
 
-def _activity_json(base: str, activity: Activity) -> dict[str, object]:
+def _activity_json(base: str, activity: Activity, known: Set[str]) -> dict[str, object]:
     told: dict[str, object] = {
         "kind": activity.kind,
         "title": activity.title,
@@ -108,7 +111,7 @@ def _activity_json(base: str, activity: Activity) -> dict[str, object]:
         "planned": activity.planned,
         "begin": lexical(activity.begin_ns),
         "of": base + activity.path,
-        "robots": [base + robot_path(each) for each in activity.robots],
+        "robots": [base + robot_path(each) for each in activity.robots if each in known],
     }
     more = {"end": _end(activity), "latestStart": _time(activity.latest_ns), "who": activity.who}
     return told | {name: value for name, value in more.items() if value}

@@ -73,7 +73,7 @@ def _selected(found: Chronicle, base: str, robots: tuple[str, ...]) -> Resource:
         return steps(graph, base, found, robots)
 
     documents = {
-        JSON: Rendition(partial(timeline_json, base, found)),
+        JSON: Rendition(partial(timeline_json, base, found, robots)),
         CSV: Rendition(partial(timeline_csv, base, found), "timeline.csv"),
     }
     return Resource(PATH, "Timeline", InSteps(describe), own_paths=_OWN, documents=documents, publishes_changes=False)
