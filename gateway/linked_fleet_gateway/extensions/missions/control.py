@@ -6,10 +6,12 @@ from contextlib import suppress
 from msgspec.structs import replace
 
 from linked_fleet_gateway.api import Core, FleetError, RedisUnavailable
-from linked_fleet_gateway.extensions.missions.record import Run
+from linked_fleet_gateway.extensions.missions.record import OVER, Run
 
 LEASE_S, RENEW_S = 60.0, 15.0
 """A lease outlives the time in which another gateway goes on with a run."""
+_FIRST_S = 5.0
+"""The lease before the run is recorded, which nobody goes on with if its gateway dies then."""
 _HELD = ("running", "ending")
 
 
@@ -31,12 +33,11 @@ class Control:
             for name in run.robots:
                 robot = self._core.robots.get(name)
                 if robot is not None and not await self._core.has_control(robot, token):
-                    await self._core.take_control(robot, _holder(run), LEASE_S, token)
+                    await self._core.take_control(robot, _holder(run), _FIRST_S, token)
                     taken.append(name)
         except FleetError:
             await self.release(replace(run, token=token, controls=tuple(taken)))
             raise
-        self._renewed_s[id] = time.monotonic()
         return replace(run, token=token, controls=tuple(taken))
 
     async def keep(self, id: str, run: Run) -> None:
@@ -45,7 +46,8 @@ class Control:
         Those that somebody else has are left to them: the next step there is refused. Raises RedisUnavailable.
         """
         if run.phase not in _HELD:
-            if self._renewed_s.pop(id, None) is not None:
+            had = self._renewed_s.pop(id, None) is not None
+            if had or run.phase in OVER:  # a run that is over when it is taken over had leases elsewhere
                 await self.release(run)
         elif time.monotonic() - self._renewed_s.get(id, -RENEW_S) >= RENEW_S:
             self._renewed_s[id] = time.monotonic()

@@ -80,6 +80,8 @@ class Engine:
         run = await self._control.take(call.id, run)
         if not await self._runs.replace(call.id, replace(run, owner=self._core.run)):
             raise Conflict("The run has begun already.")
+        with suppress(RedisUnavailable):  # it is tried again
+            await self._control.keep(call.id, run)
         call.accept()
         await self._carry_on(call)
 
