@@ -27,7 +27,7 @@ class Row:
     rank: float
     client: str
     created: Value | None
-    ended: Value | None
+    when: Value | None
     robots: list[Link]
     run: Link | None
 
@@ -37,7 +37,7 @@ def queue(facts: Facts, iri: NamedNode) -> Part:
     waiting = sorted(_rows(facts, members, LF.waiting), key=lambda row: (-row.priority, row.rank, str(row.created)))
     running = _rows(facts, members, LF.starting, LF.running)
     over = _rows(facts, members, LF.succeeded, LF.failed, LF.cancelled, LF.missed)
-    latest = sorted(over, key=lambda row: str(row.ended), reverse=True)[:_LATEST]
+    latest = sorted(over, key=lambda row: str(row.when), reverse=True)[:_LATEST]
     return Part({"waiting": waiting, "running": running, "over": latest}, {LDP.contains}, {*members})
 
 
