@@ -49,7 +49,7 @@ def rows() -> Iterator[Row]:
 async def _flapping(url: str) -> list[Row]:
     bench = Bench()
     here, signals, writes = Flapping(bench), Signals(policy_of), list[str]()
-    watch = Watch(cast(Any, _Core(bench.fleet.robots)), signals, lambda id: None, lambda invocation, robot: "")
+    watch = Watch(cast(Any, _Core(bench.fleet.robots)), signals, lambda id: None)
     stored = StoredRecords(url, "bench", "faults", "faults")
     table = Table(stored, "faults", msgspec.json.encode, msgspec.json.Decoder(Fault).decode,
                   lambda id, before, after: writes.append(id))  # fmt: skip
@@ -91,7 +91,7 @@ def _still() -> float:
     bench = Bench()
     for number in range(ROBOTS):
         bench.robot({"pan": ("continuous", "")}, name=f"r{number}")
-    watch = Watch(cast(Any, _Core(bench.fleet.robots)), Signals(policy_of), lambda id: None, lambda one, robot: "")
+    watch = Watch(cast(Any, _Core(bench.fleet.robots)), Signals(policy_of), lambda id: None)
     asyncio.run(watch.look())
     per_round_s = _looks(watch, later_s=0.0)
     with_frames_s = _looks(watch, later_s=FRAMES_S)

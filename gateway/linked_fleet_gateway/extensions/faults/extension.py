@@ -24,7 +24,6 @@ from linked_fleet_gateway.api import (
     Extension,
     FleetBranch,
     Graph,
-    Invocation,
     Member,
     Mount,
     NamedNode,
@@ -37,7 +36,6 @@ from linked_fleet_gateway.api import (
     cancel_tasks,
     counter,
     gauges,
-    robot_path,
     supervised,
 )
 from linked_fleet_gateway.base.errors import InsufficientScope
@@ -76,7 +74,7 @@ class FaultSettings(Section):
 
 @dataclass(frozen=True)
 class KnownFaults:
-    """What other extensions may ask about faults."""
+    """The faults, for other extensions."""
 
     known: Mapping[str, Fault]
 
@@ -112,7 +110,7 @@ class FaultsExtension(Extension):
         section = core.section(FaultSettings)
         signals = Signals(policy_of)
         make = partial(_container, Linking(core))
-        watch = Watch(core, signals, _about_run(core), _recorded(core))
+        watch = Watch(core, signals, _about_run(core))
         async with (
             Gateways(core) as gateways,
             core.open_container("faults", Fault, make, section.most) as faults,
@@ -165,12 +163,6 @@ async def _notifier(core: Core, section: FaultSettings, ledger: Ledger, gateways
 def _about_run(core: Core) -> AboutRun:
     runs = core.optional_service(RunsOfMissions)
     return (lambda id: None) if runs is None else runs.about
-
-
-def _recorded(core: Core) -> Callable[[Invocation, str], str]:
-    """Return a function from an invocation and a robot to the path of the recording of its last 30 s, if there is."""
-    on = any(each.name == "recordings" for each in core.extensions)
-    return lambda invocation, robot: f"{robot_path(robot)}recordings/{invocation.id}" if on else ""
 
 
 # -- the container ----------------------------------------------------------------------------------------------------

@@ -24,9 +24,9 @@ _SPACE = uuid.UUID("6f6bb2a1-9d0c-4f5e-9f0e-3a7f6a5d1c11")
 
 
 class Trouble(Struct, frozen=True, omit_defaults=True):
-    """What is wrong. ``place`` is the path of a thing, ``robots`` are those whose readers alone may know of it.
+    """A trouble. ``place`` is the path of a thing, ``robots`` are those whose readers alone may know of it.
 
-    ``says`` is a sentence. ``values`` are those at the time, by name. ``invocation`` and ``recording`` are paths.
+    ``says`` is a sentence. ``values`` are those at the time, by name. ``invocation`` is its path.
     """
 
     kind: str
@@ -38,7 +38,6 @@ class Trouble(Struct, frozen=True, omit_defaults=True):
     event: bool = False
     values: dict[str, str] = {}
     invocation: str = ""
-    recording: str = ""
 
     @property
     def id(self) -> str:
@@ -89,7 +88,7 @@ class Fault(Struct, frozen=True, omit_defaults=True):
 
 
 class Sight(Struct, frozen=True):
-    """What a gateway sees of a trouble: the verdict of its signal, or events."""
+    """A trouble as a gateway sees it: the verdict of its signal, or events."""
 
     trouble: Trouble
     verdict: Literal["absent", "raised", "confirmed"]

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from linked_fleet_gateway.api import Core, Member, robot_of, thing_at
+from linked_fleet_gateway.api import Core, Member, thing_at
 from linked_fleet_gateway.extensions.faults.fault import Fault
 from linked_fleet_gateway.extensions.recordings.extension import Recorder
 
@@ -26,8 +26,9 @@ class Linking:
         trouble, view = member.record.trouble, member.view
         invocation = trouble.invocation.rpartition("/")[2]
         known = bool(invocation) and view.invocations.get(invocation) is not None
-        recorded = bool(trouble.recording) and self._has_recording(trouble.recording)
-        return Links(self._about(member), trouble.invocation if known else "", trouble.recording if recorded else "")
+        recorder, robot = self._recorder, next(iter(trouble.robots), "")
+        recording = "" if recorder is None else recorder.path_of(robot, invocation)
+        return Links(self._about(member), trouble.invocation if known else "", recording)
 
     def _about(self, member: Member[Fault]) -> str:
         trouble, view = member.record.trouble, member.view
@@ -38,6 +39,3 @@ class Linking:
             return robot
         tree = self._core.live.tree(view.base, view.visible_robots)
         return trouble.place if tree.resolve(trouble.place) is not None else ""
-
-    def _has_recording(self, path: str) -> bool:
-        return self._recorder is not None and self._recorder.has(robot_of(path) or "", path.rpartition("/")[2])

@@ -25,7 +25,7 @@ class Message:
 
 @dataclass(frozen=True)
 class Telling:
-    """What people are told of: confirmed faults of this severity or worse, each once in ``period_s``."""
+    """Selects what people are told of: confirmed faults of this severity or worse, each once in ``period_s``."""
 
     least: Severity
     period_s: float

@@ -3,8 +3,6 @@
 import time
 from collections.abc import Callable
 
-from msgspec.structs import replace
-
 from linked_fleet_gateway.api import Core, Invocation, Robot, time_sliced
 from linked_fleet_gateway.extensions.faults.fault import Trouble
 from linked_fleet_gateway.extensions.faults.invocations import RUN, of_invocation, of_mission
@@ -48,8 +46,8 @@ class _Parts:
 class Watch:
     """Tells ``signals`` of all troubles of the fleet."""
 
-    def __init__(self, core: Core, signals: Signals, about_run: AboutRun, recorded: Callable[[Invocation, str], str]):
-        self._core, self._signals, self._about_run, self._recorded = core, signals, about_run, recorded
+    def __init__(self, core: Core, signals: Signals, about_run: AboutRun) -> None:
+        self._core, self._signals, self._about_run = core, signals, about_run
         self._begun_ns = time.time_ns()
         self._seen: dict[str, tuple[object, ...]] = {}
         self._frames_ns: dict[str, int] = {}
@@ -153,8 +151,4 @@ class Watch:
     def _trouble_of(self, invocation: Invocation) -> Trouble | None:
         if invocation.action.endswith(RUN) and (about := self._about_run(invocation.id)) is not None:
             return of_mission(invocation, *about)
-        found = of_invocation(invocation)
-        return None if found is None else self._with_recording(found, invocation)
-
-    def _with_recording(self, trouble: Trouble, invocation: Invocation) -> Trouble:
-        return replace(trouble, recording=self._recorded(invocation, trouble.robots[0]))
+        return of_invocation(invocation)

@@ -102,9 +102,9 @@ class Recorder:
     def _of(self, robot: str) -> dict[str, Path]:
         return self._files.get(_folder_name(robot), {})
 
-    def has(self, robot: str, id: str) -> bool:
-        """Return True if there is a recording of an invocation of a robot here."""
-        return id in self._of(robot)
+    def path_of(self, robot: str, id: str) -> str:
+        """Return the path of the recording of an invocation of a robot; empty if there is none here."""
+        return f"{_path(robot)}/{id}" if id in self._of(robot) else ""
 
     def record_outcome(self, invocation: Invocation) -> None:
         """Record once when a motion fails or a stop begins.
