@@ -33,7 +33,7 @@ _NO_RUN = "the server links no record of the run, so its steps cannot be read or
 
 @dataclass(frozen=True)
 class StepState:
-    """What has become of a step. ``kind`` is its class, such as ``InvokeStep``."""
+    """A step of a run, and its state. ``kind`` is its class, such as ``InvokeStep``."""
 
     path: str
     """The numbers of steps from the first one on, and of rounds after ``#``."""

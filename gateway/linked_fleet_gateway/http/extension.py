@@ -38,6 +38,7 @@ from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.incoming import Hear, OfComponents
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import Branch, RequestView
 from linked_fleet_gateway.resources.container import Container
 from linked_fleet_gateway.resources.form import Json
@@ -53,14 +54,6 @@ Reader = Callable[[Request, Resource, Any], Awaitable[ASGIApp]]
 Writer = Callable[[Request, Any], Awaitable[ASGIApp]]
 """Answers other methods of a resource; the last argument is its ``affords``."""
 T = TypeVar("T")
-
-
-def _statements(offer: Offer, base: str, given: Json) -> Sequence[Triple]:
-    """Return the JSON form of an input as statements. Raises UnprocessableContent."""
-    from linked_fleet_gateway.resources.json_form import form_of_input
-
-    form, iri = partial(form_of_input, offer, base), base + offer.path
-    return parse_form(msgspec.json.encode(given), JSON, iri, base, form)
 
 
 @dataclass(frozen=True)
@@ -171,11 +164,12 @@ class Core:
         """
         return self.actions.operations.resume(id, operation, caller)
 
-    async def invoke_json(
-        self, offer: Offer, base: str, caller: Caller, given: Json, moment: RobotTime | None = None
-    ) -> Invocation:
-        """Invoke an action by the JSON form of its input, as ``invoke`` does."""
-        return await self.invoke(offer, base, caller, _statements(offer, base, given), moment)
+    def statements(self, offer: Offer, base: str, given: Json) -> Sequence[Triple]:
+        """Return the JSON form of an action's input as statements. Raises UnprocessableContent."""
+        from linked_fleet_gateway.resources.json_form import form_of_input
+
+        form, iri = partial(form_of_input, offer, base), base + offer.path
+        return parse_form(msgspec.json.encode(given), JSON, iri, base, form)
 
     async def rehearse(
         self,
@@ -190,28 +184,13 @@ class Core:
         """
         return await rehearse(self.actions, offer, base, caller, statements, assumed)
 
-    async def rehearse_json(
-        self,
-        offer: Offer,
-        base: str,
-        caller: Caller,
-        given: Json,
-        assumed: Mapping[str, Robot] = MappingProxyType({}),
-    ) -> Rehearsal:
-        """Return what ``invoke_json`` would do, as ``rehearse`` does."""
-        return await self.rehearse(offer, base, caller, _statements(offer, base, given), assumed)
-
     def silence_s(self, invocation: Invocation) -> float:
         """Return how long the gateway of an operation has not reported on it, in seconds."""
         return self.actions.lifecycle.silence_s(invocation)
 
-    def check_input(self, offer: Offer, base: str, statements: Sequence[Triple]) -> None:
-        """Check the input of an action as ``invoke`` does. Raises UnprocessableContent."""
-        validate_action_body(offer, statements, base)
-
-    def check_json_input(self, offer: Offer, base: str, given: Json) -> None:
-        """Check the input of an action as ``invoke_json`` does. Raises UnprocessableContent."""
-        validate_action_body(offer, _statements(offer, base, given), base)
+    def check_input(self, offer: Offer, base: str, statements: Sequence[Triple]) -> Body:
+        """Check the input of an action as ``invoke`` does, and return it. Raises UnprocessableContent."""
+        return validate_action_body(offer, statements, base)
 
     @contextmanager
     def listening_to_requests(self, listener: Callable[[RequestEvent], None]) -> Iterator[None]:

@@ -13,7 +13,7 @@ from hashlib import sha1
 from types import TracebackType
 from typing import Generic, Self, TypeVar
 
-from linked_fleet_gateway.base.errors import ContainerFull
+from linked_fleet_gateway.base.errors import ContainerFull, RedisUnavailable
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.runtime.redis import Connection
@@ -27,6 +27,7 @@ MAX_RECORDS = 10_000
 MAX_BYTES = 32 * 2**20
 """Size of all records of a table, which each gateway holds in memory."""
 _NEWS = 1_000  # entries kept, approximately
+_RETRY_S = 1.0
 
 # KEYS: records, news; ARGV: id, digest of the expected record, number of news to keep, name of the table and, for a
 # write, record, most records, most bytes in total.
@@ -170,6 +171,26 @@ class Table(Generic[T]):
             most = f"at most {count} {self._noun}, and {size // 2**20} MiB of them"
             raise ContainerFull(f"There is no room: there are {most}.") from error
         return True
+
+    async def update(self, id: str, update: Callable[[T], T]) -> T | None:
+        """Replace the known record by what ``update`` makes of it, whoever changes it meanwhile.
+
+        Return the record, None if it is not there any more. Raises RedisUnavailable, ContainerFull, and the errors of
+        ``update``.
+        """
+        while (record := self.known.get(id)) is not None:
+            updated = update(record)
+            if updated == record or await self.change(id, updated):
+                return updated
+        return None
+
+    async def update_in_the_end(self, id: str, update: Callable[[T], T]) -> T | None:
+        """Do ``update``, however long Redis is away."""
+        while True:
+            try:
+                return await self.update(id, update)
+            except RedisUnavailable:
+                await asyncio.sleep(_RETRY_S)
 
     def _take(self, id: str, body: bytes | None) -> None:
         before, found = self._known.get(id), digest(body)

@@ -1,4 +1,4 @@
-"""Whether a robot is in service: a setting of the robot that all gateways share, and its property."""
+"""The availability of a robot, in service or out of it: a setting that all gateways share, and its property."""
 
 import logging
 from collections.abc import Iterator

@@ -106,11 +106,9 @@ class Ledger:
 
     async def change(self, id: str, change: Change) -> Fault:
         """Change a fault for a person. Raises NotFound, RedisUnavailable, and the errors of ``change``."""
-        while (fault := self.known.get(id)) is not None:
-            changed = change(fault)
-            if await self._records.change(id, changed):
-                return changed
-        raise NotFound("The fault has been deleted.")
+        if (fault := await self._records.update(id, change)) is None:
+            raise NotFound("The fault has been deleted.")
+        return fault
 
     async def record(self, trouble: Trouble, event: str) -> Fault:
         """Record an event that somebody tells of, at once. Raises RedisUnavailable, ContainerFull."""

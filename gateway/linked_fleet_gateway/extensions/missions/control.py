@@ -5,7 +5,7 @@ from contextlib import suppress
 
 from msgspec.structs import replace
 
-from linked_fleet_gateway.api import Core, FleetError, RedisUnavailable
+from linked_fleet_gateway.api import Conflict, Core, FleetError
 from linked_fleet_gateway.extensions.missions.record import OVER, Run
 
 LEASE_S, RENEW_S = 60.0, 15.0
@@ -23,7 +23,7 @@ class Control:
         self._renewed_s: dict[str, float] = {}
         """When the leases of a run were taken or renewed (monotonic), while it has them."""
 
-    async def take(self, id: str, run: Run) -> Run:
+    async def take(self, run: Run) -> Run:
         """Take control of all robots of a new run, but those that its client controls. Return the run with its token.
 
         Raises Controlled, RedisUnavailable; it then has control of none.
@@ -55,14 +55,9 @@ class Control:
                 await self._renew(name, run)
 
     async def _renew(self, name: str, run: Run) -> None:
-        if (robot := self._core.robots.get(name)) is None:
-            return
-        try:
-            await self._core.take_control(robot, _holder(run), LEASE_S, run.token)
-        except RedisUnavailable:
-            raise
-        except FleetError:
-            return  # it is controlled by somebody else
+        if (robot := self._core.robots.get(name)) is not None:
+            with suppress(Conflict):  # it is controlled by somebody else
+                await self._core.take_control(robot, _holder(run), LEASE_S, run.token)
 
     async def release(self, run: Run) -> None:
         """Release the leases of a run. Those that cannot be released end by themselves."""

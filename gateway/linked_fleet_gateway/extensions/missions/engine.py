@@ -77,7 +77,7 @@ class Engine:
 
     async def begin(self, call: Call, run: Run) -> None:
         """Carry out a new run, until it is over, as the operation ``call``. Raises Controlled, MissionFailedError."""
-        run = await self._control.take(call.id, run)
+        run = await self._control.take(run)
         if not await self._runs.replace(call.id, replace(run, owner=self._core.run)):
             raise Conflict("The run has begun already.")
         with suppress(RedisUnavailable):  # it is tried again

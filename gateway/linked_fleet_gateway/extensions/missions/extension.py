@@ -188,7 +188,15 @@ def _run(targets: Targets, engine: Engine, core: Core, mission: Mission, request
         caller = call.caller
         tree = core.live.tree(base, caller.visible_robots)
         robots = targets.robots(mission, typed, base, tree, caller.identity)
-        record = Run(mission, path, base, values, creator_of(caller), time.time_ns(), robots)
+        record = Run(
+            mission,
+            path,
+            base,
+            values,
+            creator_of(caller.identity, caller.name, caller.lease_token),
+            time.time_ns(),
+            robots,
+        )
         await engine.begin(call, record)
 
     async def dry_run(caller: Caller) -> tuple[float, Callable[[Graph, Node], None]]:

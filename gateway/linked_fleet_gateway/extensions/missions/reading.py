@@ -3,7 +3,7 @@
 import json
 from collections.abc import Collection
 from datetime import datetime
-from typing import Any
+from typing import Any, TypeVar
 
 import msgspec
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
@@ -28,6 +28,7 @@ from linked_fleet_gateway.extensions.rules.template import template
 from linked_fleet_gateway.faces import DeclaredForm
 from linked_fleet_gateway.rdf.graph import Node
 
+_Record = TypeVar("_Record")
 _KINDS = {iri: name for name, iri in TYPES.items()}
 _STEPS = {iri: step for step, iri in CLASSES.items()}
 _YEARS = 1970, 2200
@@ -202,14 +203,19 @@ def form(iri: str) -> DeclaredForm:
 
 
 def _triples(content: bytes, iri: str, most: int) -> list[Triple]:
+    mission = decoded(content, Mission, "mission", iri)
+    check(mission)
+    return triples_of_mission(mission)
+
+
+def decoded(content: bytes, kind: type[_Record], noun: str, iri: str) -> _Record:
+    """Return the record in a body in JSON. Raises UnprocessableContent, BadRequest."""
     try:
-        mission = msgspec.json.decode(content, type=Mission)
-        check(mission)
+        return msgspec.json.decode(content, type=kind)
     except msgspec.ValidationError as error:
-        raise UnprocessableContent(f"The mission is not usable: {error}", constraint=iri) from error
+        raise UnprocessableContent(f"The {noun} is not usable: {error}", constraint=iri) from error
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise BadRequest(f"The body is no JSON: {error}") from error
-    return triples_of_mission(mission)
 
 
 def triples_of_mission(mission: Mission) -> list[Triple]:

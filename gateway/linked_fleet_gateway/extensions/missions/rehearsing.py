@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.api import DCTERMS, Body, Core, FleetError, Graph, UnprocessableContent, robot_of
+from linked_fleet_gateway.api import DCTERMS, Body, Core, FleetError, Graph, robot_of
 from linked_fleet_gateway.extensions.missions.mission import (
     FirstOf,
     Invoke,
@@ -21,11 +21,11 @@ from linked_fleet_gateway.extensions.missions.mission import (
     Wait,
     walk,
 )
-from linked_fleet_gateway.extensions.missions.parameters import RunOffer, check_value, read_values
+from linked_fleet_gateway.extensions.missions.parameters import RunOffer, read_values
 from linked_fleet_gateway.extensions.missions.progress import ROOT
 from linked_fleet_gateway.extensions.missions.targets import Targets, Values
 from linked_fleet_gateway.extensions.missions.terms import LF
-from linked_fleet_gateway.extensions.missions.values import Value, json_body, rdf_body, variables_of
+from linked_fleet_gateway.extensions.missions.values import variables_of
 from linked_fleet_gateway.faces import Offer, Tree
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import SECOND, Node
@@ -172,15 +172,8 @@ class Rehearsing:
         return await self._rehearse(step, path, offer, values, places)
 
     async def _rehearse(self, step: Invoke, path: str, offer: Offer, values: Values, places: Places) -> _End:
-        assumed, body = self._stand_ins(places), step.body
-        if step.triples:
-            triples = rdf_body(step.triples, values, NamedNode(self.base + offer.path))
-            said = await self.core.rehearse(offer, self.base, self.caller, triples, assumed)
-        elif not offer.takes_body or (body is None and offer.body_is_optional):
-            said = await self.core.rehearse(offer, self.base, self.caller, (), assumed)
-        else:
-            given = json_body(body or {}, values)
-            said = await self.core.rehearse_json(offer, self.base, self.caller, given, assumed)
+        statements = self.targets.statements(step, offer, values, self.base)
+        said = await self.core.rehearse(offer, self.base, self.caller, statements, self._stand_ins(places))
         self.found.append(Rehearsed(path, step, said.duration_s, said.findings))
         return _End(said.duration_s, self._moved(places, offer, said.after))
 
@@ -214,20 +207,11 @@ class Rehearsing:
 
     def _inner_values(self, step: Invoke, offer: RunOffer, values: Values) -> Values:
         """Return the values with which a step runs another mission. Raises UnprocessableContent."""
-        mission, iri = offer.mission, self.base + offer.thing
-        if step.triples:
-            root = NamedNode(self.base + offer.path)
-            found = read_values(Body(rdf_body(step.triples, values, root), root), mission, iri)
-        else:
-            found = _given_values(json_body(step.body or {}, values), mission)
-        return {each.name: (found[each.name], each.type) for each in mission.parameters}
-
-
-def _given_values(given: Mapping[str, Value], mission: Mission) -> dict[str, Value]:
-    found = {each.name: given.get(each.name, each.default) for each in mission.parameters}
-    if missing := [name for name, value in found.items() if value is None]:
-        raise UnprocessableContent(f"The parameter {missing[0]} of {mission.title} has no value, and no default.")
-    return {each.name: check_value(each, found[each.name]) for each in mission.parameters}  # type: ignore[arg-type]
+        statements, body = self.targets.statements(step, offer, values, self.base), Body((), NamedNode(self.base))
+        if offer.takes_body:
+            body = self.core.check_input(offer, self.base, statements)
+        found = read_values(body, offer.mission, self.base + offer.thing)
+        return {each.name: (found[each.name], each.type) for each in offer.mission.parameters}
 
 
 def _joined(before: Places, ends: Iterable[_End], *, known: bool) -> Places:

@@ -3,7 +3,7 @@
 import asyncio
 from collections.abc import Callable, Iterator, Mapping
 
-from linked_fleet_gateway.api import Invocation, NotFound, RedisUnavailable, Table
+from linked_fleet_gateway.api import Invocation, NotFound, Table
 from linked_fleet_gateway.extensions.missions.record import ENDED, OVER, Run
 
 RETRY_S = 1.0
@@ -38,24 +38,14 @@ class Runs:
 
     async def change(self, id: str, change: Change) -> Run:
         """Change the record of a run. Return it. Raises NotFound, RedisUnavailable, and errors of ``change``."""
-        while (run := self.known.get(id)) is not None:
-            changed = change(run)
-            if changed == run or await self.replace(id, changed):
-                return changed
-        raise NotFound("The run has been deleted.")
+        if (run := await self._table.update(id, change)) is None:
+            raise NotFound("The run has been deleted.")
+        return run
 
     async def change_in_the_end(self, id: str, change: Change) -> None:
         """Change the record of a run, if it is still there, however long Redis is away."""
-        while True:
-            try:
-                await self.change(id, change)
-            except NotFound:
-                pass
-            except RedisUnavailable:
-                await asyncio.sleep(RETRY_S)
-                continue
-            self.wake(id)
-            return
+        await self._table.update_in_the_end(id, change)
+        self.wake(id)
 
     # -- news -------------------------------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from hashlib import blake2b
 from urllib.parse import unquote
 
-from pyoxigraph import NamedNode
+from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.api import Conflict, Core, Invocation, UnprocessableContent, robot_of, thing_at, time_sliced
 from linked_fleet_gateway.extensions.missions.mission import Invoke, Mission, Variable, walk
@@ -157,12 +157,16 @@ class Targets:
         if not offer.takes_body:
             if step.body or step.triples:
                 raise UnprocessableContent(f"{offer.path} takes no body.")
-            return
-        iri = NamedNode(base + offer.path)
+        elif _has_input(step, offer):
+            self.core.check_input(offer, base, self.statements(step, offer, values, base))
+
+    def statements(self, step: Invoke, offer: Offer, values: Values, base: str) -> Sequence[Triple]:
+        """Return the input of a step; nothing if its action takes none. Raises UnprocessableContent."""
+        if not _has_input(step, offer):
+            return ()
         if step.triples:
-            self.core.check_input(offer, base, rdf_body(step.triples, values, iri))
-        elif step.body is not None or not offer.body_is_optional:
-            self.core.check_json_input(offer, base, json_body(step.body or {}, values))
+            return rdf_body(step.triples, values, NamedNode(base + offer.path))
+        return self.core.statements(offer, base, json_body(step.body or {}, values))
 
     def robots(self, mission: Mission, values: Values, base: str, tree: Tree, caller: Identity) -> tuple[str, ...]:
         """Return the robots that the steps act on, also those of missions that they run. Raises as ``offer``."""
@@ -190,13 +194,8 @@ class Targets:
             rule=f"mission {id}",
             identity=identity,
         )
-        moment, iri = robot_time(offer.robot), NamedNode(run.base + offer.path)
-        if not offer.takes_body or (step.body is None and not step.triples and offer.body_is_optional):
-            return await self.core.invoke(offer, run.base, caller, (), moment)
-        if step.triples:
-            triples = rdf_body(step.triples, values, iri)
-            return await self.core.invoke(offer, run.base, caller, triples, moment)
-        return await self.core.invoke_json(offer, run.base, caller, json_body(step.body or {}, values), moment)
+        statements = self.statements(step, offer, values, run.base)
+        return await self.core.invoke(offer, run.base, caller, statements, robot_time(offer.robot))
 
     def identity(self, creator: Creator) -> Identity:
         """Return the identity that a run acts for now; everybody if authentication is off. Raises RightsEnded."""
@@ -214,11 +213,15 @@ def _path_of(iri: str) -> str:
     return "/" + unquote(iri.partition("://")[2].partition("/")[2])
 
 
-def creator_of(caller: Caller) -> Creator:
-    """Return who runs a mission, as it is kept."""
-    credential = caller.identity.credential
-    claims = credential if isinstance(credential, Claims) else None
-    return Creator(caller.name, caller.identity.name, claims, caller.lease_token)
+def _has_input(step: Invoke, offer: Offer) -> bool:
+    """Return True if a step sends an input, which its action may not need."""
+    return offer.takes_body and (bool(step.triples) or step.body is not None or not offer.body_is_optional)
+
+
+def creator_of(identity: Identity, client: str, lease_token: str = "") -> Creator:
+    """Return who runs or orders a mission, as it is kept."""
+    claims = identity.credential if isinstance(identity.credential, Claims) else None
+    return Creator(client, identity.name, claims, lease_token)
 
 
 def invoked(mission: Mission) -> Iterable[Invoke]:

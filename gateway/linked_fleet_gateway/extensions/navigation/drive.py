@@ -95,7 +95,8 @@ class DrivenBase:
             for index, each in enumerate(poses)
         ]
         given = {"path": path, "speed": self._speed}
-        return await self._core.invoke_json(offer, self._base, self._caller, given, robot_time(self._robot))
+        statements = self._core.statements(offer, self._base, given)
+        return await self._core.invoke(offer, self._base, self._caller, statements, robot_time(self._robot))
 
 
 def _lease_id(robot: Robot) -> str:

@@ -36,7 +36,7 @@ class Checks:
         if wanted.choice is not None:
             values[wanted.choice.parameter] = await self._sample(mission, wanted.choice, base, caller)
         if offer.takes_body and values:
-            self.core.check_json_input(offer, base, values)
+            self.core.check_input(offer, base, self.core.statements(offer, base, values))
         if wanted.choice is None:
             kinds = {each.name: each for each in mission.parameters}
             typed = {

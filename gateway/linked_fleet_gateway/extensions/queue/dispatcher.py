@@ -24,7 +24,7 @@ from linked_fleet_gateway.extensions.queue.order import Assignment, Assignments,
 from linked_fleet_gateway.extensions.queue.ranks import in_turn, rank_of_first
 from linked_fleet_gateway.extensions.queue.reading import deadline_ns
 from linked_fleet_gateway.extensions.queue.robots import Abilities, Robots
-from linked_fleet_gateway.extensions.queue.starting import Orders, Starts
+from linked_fleet_gateway.extensions.queue.starting import Starts
 from linked_fleet_gateway.extensions.queue.turns import Turn, decide
 
 log = logging.getLogger(__name__)
@@ -46,7 +46,7 @@ class Dispatcher:
     def __init__(
         self,
         core: Core,
-        orders: Orders,
+        orders: Table[Order],
         assigned: Table[Assignments],
         needs: Needs,
         starts: Starts,
@@ -113,7 +113,7 @@ class Dispatcher:
         """Go on with all orders that have robots, and take the robots of those that are over."""
         before, free = self._known, set[str]()
         async for id, given in time_sliced(list(before.orders.items())):
-            order = self._orders.table.known.get(id)
+            order = self._orders.known.get(id)
             if order is None:
                 if self._lasts("gone", id):
                     free.add(id)
@@ -141,7 +141,7 @@ class Dispatcher:
         out = [each for each in order.robots if self._is_out(each)]
         if out:
             reason = f"{', '.join(out)[:200]} was taken out of service"
-            await self._orders.change(
+            await self._orders.update(
                 id, lambda now: replace(now, returning=reason) if now.state == "running" and not now.returning else now
             )
             self._awake.set()
@@ -161,7 +161,7 @@ class Dispatcher:
         return ("failed", "its run is no longer known") if self._lasts("run", order.run, most_s=FORGOTTEN_S) else None
 
     async def _record_end(self, id: str, order: Order, state: State, reason: str) -> None:
-        rank = rank_of_first(self._orders.table.known.values(), order.wanted.priority)
+        rank = rank_of_first(self._orders.known.values(), order.wanted.priority)
 
         def end(now: Order) -> Order:
             if now.state != "running" or now.run != order.run:
@@ -170,7 +170,7 @@ class Dispatcher:
                 return returned(now, rank)
             return ended(now, state, now.cancelling or reason, time.time_ns())
 
-        await self._orders.change(id, end)
+        await self._orders.update(id, end)
         self._awake.set()
 
     def _cancel(self, id: str, order: Order) -> None:
@@ -193,13 +193,13 @@ class Dispatcher:
 
     async def _forget(self) -> None:
         """Delete the oldest orders that are over."""
-        over = sorted((each.ended_ns, id) for id, each in self._orders.table.known.items() if each.is_over)
+        over = sorted((each.ended_ns, id) for id, each in self._orders.known.items() if each.is_over)
         for _, id in over[:-KEPT]:
-            await self._orders.table.change(id, None)
+            await self._orders.change(id, None)
 
     async def _give(self) -> None:
         """Decide about all waiting orders, and give robots to those whose turn it is. Raises RedisUnavailable."""
-        before, orders = self._known, self._orders.table.known
+        before, orders = self._known, self._orders.known
         self._needs.begin(orders)
         robots = Robots(
             self._core.robots, self._moving(), dict(before.busy), self._abilities, self._placements
@@ -244,7 +244,7 @@ class Dispatcher:
         def end(order: Order) -> Order:
             return ended(order, state, reason, time.time_ns()) if order.state == "waiting" else order
 
-        await self._orders.change(id, end)
+        await self._orders.update(id, end)
 
     def _moving(self) -> set[str]:
         """Return the robots that carry out what others than the queue have asked for."""

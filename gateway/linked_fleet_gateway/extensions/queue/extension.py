@@ -25,9 +25,8 @@ from linked_fleet_gateway.api import (
     gauges,
 )
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
-from linked_fleet_gateway.extensions.missions.record import Creator
 from linked_fleet_gateway.extensions.missions.runs import Runs
-from linked_fleet_gateway.extensions.missions.targets import Targets
+from linked_fleet_gateway.extensions.missions.targets import Targets, creator_of
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.extensions.queue import schedules
 from linked_fleet_gateway.extensions.queue.checking import Checks
@@ -41,10 +40,10 @@ from linked_fleet_gateway.extensions.queue.reading import form, read_order
 from linked_fleet_gateway.extensions.queue.records import OrderRecords
 from linked_fleet_gateway.extensions.queue.schedule import Schedule
 from linked_fleet_gateway.extensions.queue.schedules import ScheduleRecords
-from linked_fleet_gateway.extensions.queue.starting import Orders, Starts
+from linked_fleet_gateway.extensions.queue.starting import Starts
 from linked_fleet_gateway.extensions.queue.terms import LF
 from linked_fleet_gateway.extensions.queue.timetable import Timetable
-from linked_fleet_gateway.faces import Claims, Identity, Tree
+from linked_fleet_gateway.faces import Identity, Tree
 
 HERE = Path(__file__).parent
 
@@ -97,12 +96,10 @@ class QueueExtension(Extension):
         table = core.table("orders", Order, changed, section.most + section.running + KEPT * 2)
         given = core.table("assignments", Assignments, assigned, 1)
         async with table, given, Selections(core, targets, queries) as selections:
-            orders, needs = Orders(table), Needs(core, targets, selections)
-            starts = Starts(core, orders, targets)
+            needs = Needs(core, targets, selections)
+            starts = Starts(core, table, targets)
             records = OrderRecords(core, table, targets, section.most, section.per_client)
-            async with Dispatcher(
-                core, orders, given, needs, starts, core.service(Runs), section.running
-            ) as dispatcher:
+            async with Dispatcher(core, table, given, needs, starts, core.service(Runs), section.running) as dispatcher:
                 dispatchers.append(dispatcher)
                 checks = Checks(core, targets, queries)
                 queue = _queue(records, needs, dispatcher, checks)
@@ -117,7 +114,7 @@ class QueueExtension(Extension):
                         async with timetable:
                             yield Mount(
                                 branches=(queue.branch, listed.branch),
-                                handlers=handlers(core, orders, needs, dispatcher.wake),
+                                handlers=handlers(core, table, needs, dispatcher.wake),
                                 metrics=lambda: _metrics(table.known.values(), listed.records.known.values()),
                                 services=(PlannedWork(table.known, listed.records.known, needs),),
                             )
@@ -150,9 +147,7 @@ def _queue(records: OrderRecords, needs: Needs, dispatcher: Dispatcher, checks: 
 
 
 def _signed(order: Order, caller: Identity, client: str) -> Order:
-    credential = caller.credential
-    claims = credential if isinstance(credential, Claims) else None
-    return replace(order, creator=Creator(client, caller.name, claims))
+    return replace(order, creator=creator_of(caller, client))
 
 
 def _metrics(orders: Collection[Order], planned: Collection[Schedule]) -> Iterator[Metric]:

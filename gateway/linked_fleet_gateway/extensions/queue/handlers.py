@@ -14,13 +14,13 @@ from linked_fleet_gateway.api import (
     NotFound,
     Operation,
     Right,
+    Table,
     UnprocessableContent,
 )
 from linked_fleet_gateway.base.errors import InsufficientScope
 from linked_fleet_gateway.extensions.queue.needs import Needs
 from linked_fleet_gateway.extensions.queue.order import Order, ended
 from linked_fleet_gateway.extensions.queue.ranks import passed, rank_beside
-from linked_fleet_gateway.extensions.queue.starting import Orders
 from linked_fleet_gateway.extensions.queue.terms import LF
 from linked_fleet_gateway.extensions.rules.rule_invocation import path_in_fleet
 from linked_fleet_gateway.faces import Identity
@@ -28,7 +28,7 @@ from linked_fleet_gateway.serving import Caller
 
 
 def handlers(
-    core: Core, orders: Orders, needs: Needs, wake: Callable[[], None]
+    core: Core, orders: Table[Order], needs: Needs, wake: Callable[[], None]
 ) -> Mapping[NamedNode, Callable[[ActionRequest], Operation]]:
     """Return the handlers of the actions of orders by kind."""
 
@@ -51,7 +51,7 @@ def handlers(
             def change(order: Order) -> Order:
                 rank = _rank(orders, request.member_id, other, before=before)
                 _check_rights(needs, order, call.caller)
-                _check_passed(passed(orders.table.known, request.member_id, rank), order, call.caller.identity)
+                _check_passed(passed(orders.known, request.member_id, rank), order, call.caller.identity)
                 return replace(order, rank=rank)
 
             await _change(orders, request.member_id, change)
@@ -63,8 +63,8 @@ def handlers(
     return {LF.WithdrawOrder: withdraw, LF.MoveOrder: move}
 
 
-async def _change(orders: Orders, id: str, change: Callable[[Order], Order]) -> None:
-    if await orders.change(id, change) is None:
+async def _change(orders: Table[Order], id: str, change: Callable[[Order], Order]) -> None:
+    if await orders.update(id, change) is None:
         raise NotFound("The order has been deleted.")
 
 
@@ -93,9 +93,9 @@ def _beside(core: Core, request: ActionRequest) -> tuple[str, bool]:
     return path.removeprefix("/queue/"), before
 
 
-def _rank(orders: Orders, id: str, other: str, *, before: bool) -> float:
+def _rank(orders: Table[Order], id: str, other: str, *, before: bool) -> float:
     """Return the new rank of an order. Raises Conflict, UnprocessableContent."""
-    known = orders.table.known
+    known = orders.known
     for each in (id, other):
         if each not in known or known[each].state != "waiting":
             raise Conflict("Orders are moved while both of them wait.")

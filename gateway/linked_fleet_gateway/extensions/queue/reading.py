@@ -7,7 +7,8 @@ from typing import Any
 import msgspec
 from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.api import DCTERMS, BadRequest, Body, Graph, UnprocessableContent
+from linked_fleet_gateway.api import DCTERMS, Body, Graph, UnprocessableContent
+from linked_fleet_gateway.extensions.missions.reading import decoded
 from linked_fleet_gateway.extensions.queue.describing import describe_wanted
 from linked_fleet_gateway.extensions.queue.order import Choice, Order, Wanted
 from linked_fleet_gateway.extensions.queue.terms import LF
@@ -162,13 +163,3 @@ def _triples(content: bytes, iri: str, most: int) -> list[Triple]:
     graph = Graph()
     describe_wanted(graph, graph.blank(), wanted)
     return list(graph.triples)
-
-
-def decoded(content: bytes, kind: Any, noun: str, iri: str) -> Any:
-    """Return the record in a body in JSON. Raises UnprocessableContent, BadRequest."""
-    try:
-        return msgspec.json.decode(content, type=kind)
-    except msgspec.ValidationError as error:
-        raise UnprocessableContent(f"The {noun} is not usable: {error}", constraint=iri) from error
-    except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-        raise BadRequest(f"The body is no JSON: {error}") from error

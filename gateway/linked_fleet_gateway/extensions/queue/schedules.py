@@ -25,7 +25,8 @@ from linked_fleet_gateway.api import (
     integer,
     timestamp,
 )
-from linked_fleet_gateway.extensions.missions.record import Creator
+from linked_fleet_gateway.extensions.missions.reading import decoded
+from linked_fleet_gateway.extensions.missions.targets import creator_of
 from linked_fleet_gateway.extensions.queue import reading
 from linked_fleet_gateway.extensions.queue.checking import Checks
 from linked_fleet_gateway.extensions.queue.describing import describe_wanted, number
@@ -35,7 +36,7 @@ from linked_fleet_gateway.extensions.queue.records import place_of
 from linked_fleet_gateway.extensions.queue.schedule import Planned, Schedule
 from linked_fleet_gateway.extensions.queue.terms import LF
 from linked_fleet_gateway.extensions.queue.timetable import AT_ONCE, first_start, recurrence_of
-from linked_fleet_gateway.faces import Claims, DeclaredForm, Identity, Tree, View
+from linked_fleet_gateway.faces import DeclaredForm, Identity, Tree, View
 from linked_fleet_gateway.rdf.graph import Node
 
 
@@ -173,7 +174,7 @@ def form(iri: str) -> DeclaredForm:
 
 
 def _triples(content: bytes, iri: str, most: int) -> list[Triple]:
-    planned = reading.decoded(content, Planned, "schedule", iri)
+    planned = decoded(content, Planned, "schedule", iri)
     _check(planned)
     graph = Graph()
     root = graph.blank()
@@ -210,6 +211,4 @@ def as_order(schedule: Schedule) -> Order:
 
 
 def _signed(schedule: Schedule, caller: Identity, client: str) -> Schedule:
-    credential = caller.credential
-    claims = credential if isinstance(credential, Claims) else None
-    return replace(schedule, creator=Creator(client, caller.name, claims))
+    return replace(schedule, creator=creator_of(caller, client))

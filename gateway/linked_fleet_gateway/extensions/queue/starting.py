@@ -3,7 +3,6 @@
 import asyncio
 import logging
 import time
-from collections.abc import Callable
 from hashlib import blake2b
 
 from msgspec.structs import replace
@@ -12,7 +11,6 @@ from linked_fleet_gateway.api import (
     Core,
     FleetError,
     Invocation,
-    RedisUnavailable,
     RequestEvent,
     Right,
     Table,
@@ -31,36 +29,10 @@ _LATER = (429, 503)
 """Status codes of refusals that another try may not meet."""
 
 
-class Orders:
-    """The orders of the queue at this gateway, and changes of them."""
-
-    def __init__(self, table: Table[Order]) -> None:
-        self.table = table
-
-    async def change(self, id: str, change: Callable[[Order], Order]) -> Order | None:
-        """Change an order. Return it, None if it is not there any more. Raises RedisUnavailable, errors of ``change``.
-
-        ``change`` returns the order itself if nothing is to be changed.
-        """
-        while (order := self.table.known.get(id)) is not None:
-            changed = change(order)
-            if changed is order or await self.table.change(id, changed):
-                return changed
-        return None
-
-    async def change_in_the_end(self, id: str, change: Callable[[Order], Order]) -> Order | None:
-        """Change an order, however long Redis is away."""
-        while True:
-            try:
-                return await self.change(id, change)
-            except RedisUnavailable:
-                await asyncio.sleep(RETRY_S)
-
-
 class Starts:
     """Starts the runs of orders that have their robots."""
 
-    def __init__(self, core: Core, orders: Orders, targets: Targets) -> None:
+    def __init__(self, core: Core, orders: Table[Order], targets: Targets) -> None:
         self._core, self._orders, self._targets = core, orders, targets
         self._tasks: dict[tuple[str, int], asyncio.Task[None]] = {}
 
@@ -81,7 +53,7 @@ class Starts:
             is_next = order.state == "waiting" and order.attempt < given.attempt
             return begun(order, given, time.time_ns()) if is_next else order
 
-        await self._orders.change_in_the_end(id, begin)
+        await self._orders.update_in_the_end(id, begin)
         while (order := self._starting(id, given)) is not None:
             if order.cancelling and given.owner == self._core.run:  # nobody else has invoked it so soon
                 await self._end(id, given, "cancelled", order.cancelling)
@@ -103,7 +75,7 @@ class Starts:
             return
 
     def _starting(self, id: str, given: Assignment) -> Order | None:
-        order = self._orders.table.known.get(id)
+        order = self._orders.known.get(id)
         is_so = order is not None and order.state == "starting" and order.attempt == given.attempt
         return order if is_so else None
 
@@ -112,7 +84,7 @@ class Starts:
             is_so = order.state == "starting" and order.attempt == given.attempt
             return replace(order, state="running", run=invocation.id) if is_so else order
 
-        order = await self._orders.change_in_the_end(id, run)
+        order = await self._orders.update_in_the_end(id, run)
         if order is None or order.run != invocation.id:
             # Somebody has ended the attempt while this gateway was away.
             await self._core.cancel(invocation.id, "its order is over")
@@ -122,7 +94,7 @@ class Starts:
             is_so = order.state == "starting" and order.attempt == given.attempt
             return ended(order, state, reason, time.time_ns()) if is_so else order  # type: ignore[arg-type]
 
-        await self._orders.change_in_the_end(id, end)
+        await self._orders.update_in_the_end(id, end)
 
     async def _invoke(self, id: str, order: Order) -> Invocation:
         """Run the mission in the name of who has ordered it. Raises FleetError."""
@@ -140,9 +112,9 @@ class Starts:
             rule=f"order {id}",
             identity=identity,
         )
-        if not offer.takes_body or (not values and offer.body_is_optional):
-            return await self._core.invoke(offer, order.base, caller)
-        return await self._core.invoke_json(offer, order.base, caller, values)
+        has_input = offer.takes_body and (values or not offer.body_is_optional)
+        statements = self._core.statements(offer, order.base, values) if has_input else ()
+        return await self._core.invoke(offer, order.base, caller, statements)
 
     def _tell(self, id: str, order: Order, status: int, invocation: str) -> None:
         """Tell the audit what the queue has asked for in the name of who has ordered it."""

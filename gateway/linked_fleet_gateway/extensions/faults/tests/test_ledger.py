@@ -7,6 +7,7 @@ from typing import Any, cast
 
 import pytest
 
+from linked_fleet_gateway.api import Table
 from linked_fleet_gateway.base.errors import ContainerFull, RedisUnavailable
 from linked_fleet_gateway.extensions.faults import ledger as module
 from linked_fleet_gateway.extensions.faults.fault import Fault, Trouble
@@ -29,6 +30,8 @@ class Records:
     @property
     def known(self) -> Mapping[str, Fault]:
         return self.held
+
+    update = Table.update
 
     async def change(self, id: str, record: Fault | None) -> bool:
         if self.away:
