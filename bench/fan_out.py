@@ -172,7 +172,8 @@ def fan_out(case: Case, seconds: float) -> Found:
 
 
 def limit(kind: str, case: Case, size: int, seconds: float) -> Found:
-    command = [sys.executable, str(_LIMITS), kind, case.how, str(case.rate_hz), str(size - 20)]  # 20: bytes of framing
+    # -P: no module beside the script hides one of the standard library; 20: bytes of framing
+    command = [sys.executable, "-P", str(_LIMITS), kind, case.how, str(case.rate_hz), str(size - 20)]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:  # noqa: S603
         assert child.stdin is not None and child.stdout is not None
         with (

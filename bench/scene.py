@@ -131,7 +131,7 @@ class Readers:
     """A child process with many subscribers."""
 
     def __init__(self, port: int, how: str, count: int, path: str) -> None:
-        command = [sys.executable, str(READERS), str(port), how, str(count), path]
+        command = [sys.executable, "-P", str(READERS), str(port), how, str(count), path]
         self._child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)  # noqa: S603
         assert self._child.stdin is not None and self._child.stdout is not None
         self._in, self._out = self._child.stdin, self._child.stdout

@@ -145,6 +145,7 @@ def test_r1_8_thousands_of_subscriptions_leave_nothing_behind(tmp_path_factory: 
         pid = gateway._child.pid
         FakeRobot(session, "toy").appear().stand(0.25)
         live(browser, "toy")
+        lasting = _lasting_keys(place.state)
         part = browser.part("toy", "elbow")
         rotation, container = str(part.one(ROS.rotation)), str(part.one(HYBRIT.subscriptions))
         client = Client(rotation)
@@ -163,7 +164,7 @@ def test_r1_8_thousands_of_subscriptions_leave_nothing_behind(tmp_path_factory: 
 
         def nothing_left() -> bool:
             left.clear()
-            left.update(_lasting_keys(place.state) - {Keys().runs, Keys().news, "fleet:audit"})
+            left.update(_lasting_keys(place.state) - lasting - {Keys().runs, Keys().news, "fleet:audit"})
             return not left
 
         eventually(nothing_left, lambda: f"nothing left in Redis of {left}")

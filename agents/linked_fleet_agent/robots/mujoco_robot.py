@@ -4,6 +4,7 @@ The caller of ``MujocoRobot`` steps it; it reads no wall clock.
 """
 
 import math
+from collections import deque
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -26,8 +27,9 @@ from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
 
 # After a stall the simulation catches up by this much at most, so that a slow host does not fall behind further.
 MAX_CATCH_UP_S = 0.1
-# The computer counts as too slow for this long after a stall.
-_SLOW_S = 10.0
+# The computer counts as too slow when stalls left out so much of the last seconds. One stall alone, as when other programs
+# start, is no news.
+_LOOKED_BACK_S, _TOO_MUCH_S = 10.0, 1.0
 _AT_LIMIT = 0.999
 # A servo this close to its setpoint counts as holding it. Using its sagged position as the new setpoint would add sag.
 _HOLDING_RAD = 0.01
@@ -86,7 +88,7 @@ class MujocoRobot:
         self._scaled = np.array([facts.joints[index].name not in driving for index in commanded], dtype=bool)
         self._setpoints = np.zeros(len(commanded))
         self._start_s: float | None = None
-        self._left_out_s, self._slow_until_s = 0.0, 0.0
+        self._stalls = deque[tuple[float, float]]()
         self.fingers = {part.name: self._fingers_of(part) for part in parts.fingers}
         self._driven = dict(zip(driving, self.fingers.values(), strict=True))
         self._place(pose, home_height_m, rolls=parts.base is not None)
@@ -177,8 +179,7 @@ class MujocoRobot:
     def _leave_out(self, seconds: float) -> None:
         assert self._start_s is not None
         self._start_s += seconds
-        self._left_out_s += seconds
-        self._slow_until_s = self._data.time + _SLOW_S
+        self._stalls.append((self._data.time, seconds))
 
     def _rescale(self, scale: float) -> None:
         """Reduce the speed of all joints but fingers to a share of that of motions; 1 is the full speed."""
@@ -215,8 +216,11 @@ class MujocoRobot:
     def _clock_status(self) -> Status:
         if not np.isfinite(self._data.qpos).all():
             return Status("simulation", "error", "it has diverged")
-        if self._data.time < self._slow_until_s:
-            said = f"this computer is too slow: {self._left_out_s:.1f} s were left out since the start"
+        while self._stalls and self._stalls[0][0] < self._data.time - _LOOKED_BACK_S:
+            self._stalls.popleft()
+        left_out_s = sum(seconds for _, seconds in self._stalls)
+        if left_out_s >= _TOO_MUCH_S:
+            said = f"this computer is too slow: of the last {_LOOKED_BACK_S:.0f} s, {left_out_s:.1f} s were left out"
             return Status("simulation", "warning", said)
         return Status("simulation", "ok", "it runs in real time")
 

@@ -51,7 +51,7 @@ def test_a_moving_robot_is_reached_with_one_click(operator: PageUser, client: Cl
     assert thumbnail.evaluate("async (image) => { await image.decode(); return image.naturalWidth; }") > 0
     before = thumbnail.get_attribute("src")
     eventually(_changed(thumbnail, before), "another pose on the card")
-    operator.press(card.get_by_role("link"))
+    operator.press(card.locator("h3 a"))
     expect(page.locator("#tasks .task, .task").first).to_contain_text("shoulder_pan_joint")
     assert operator.made == 1
 

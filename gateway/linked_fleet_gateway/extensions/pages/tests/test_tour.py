@@ -136,7 +136,7 @@ def test_a_robot_that_left_is_marked(page: Page, watched: Watched, demo: tuple[C
     expect(card.locator(".state")).to_have_text("online")
     ur5.send(signal.SIGKILL)
     expect(card.locator(".state")).to_have_text("offline")
-    card.get_by_role("link").click()
+    card.locator("h3 a").click()
     expect(page.locator("#presence .state")).to_have_text("offline")
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
     watched.forgive("503", "is not drawn")  # meshes that were not requested while it was online
