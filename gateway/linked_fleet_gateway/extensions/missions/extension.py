@@ -35,6 +35,7 @@ from linked_fleet_gateway.api import (
 )
 from linked_fleet_gateway.base.errors import InsufficientScope
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
+from linked_fleet_gateway.extensions.missions.builder import with_builder
 from linked_fleet_gateway.extensions.missions.conditions import Conditions
 from linked_fleet_gateway.extensions.missions.describing import describe_mission, describe_run, run_json
 from linked_fleet_gateway.extensions.missions.engine import Engine
@@ -122,7 +123,7 @@ class MissionsExtension(Extension):
             async with engine, core.open_container("missions", Mission, make, section.most) as missions:
                 with core.listening_to_stops(engine.stop), core.listening_to_invocations(engine.hear):
                     yield Mount(
-                        branches=(missions.branch, _runs(Records(runs), targets).branch),
+                        branches=(with_builder(missions.branch), _runs(Records(runs), targets).branch),
                         handlers=_handlers(known),
                         formats={"behaviortree": ("Behavior tree", MEDIA_TYPE)},
                         metrics=lambda: _metrics(runs),

@@ -16,6 +16,11 @@ _MOST, _MOST_TEXT = 200, 500
 _GATEWAY = 500
 _RESULT = {SH.resultPath: "path", SH.resultMessage: "message", SH.value: "value"}
 _DECODED = re.compile(r"(?P<what>.*) - at `\$\.(?:(?P<list>parameters)\[(?P<number>\d+)\]|(?P<root>step))(?P<rest>\S*)`", re.S)
+_MISSING = re.compile(r"Object missing required field `(.*)`")
+_WORDS = {
+    "float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false", "array": "a list",
+    "object": "an object", "null": "nothing",
+}  # fmt: skip
 _PART = re.compile(r"\.steps\[(\d+)\]|\.(step)(?![A-Za-z])")
 
 
@@ -68,7 +73,7 @@ def finding_of_decoding(message: str) -> list[Finding]:
     match = _DECODED.fullmatch(message)
     if match is None:
         return []
-    what, rest = match["what"][:_MOST_TEXT], match["rest"]
+    what, rest = _in_words(match["what"])[:_MOST_TEXT], match["rest"]
     if match["list"]:
         return [{"parameterNumber": match["number"], "member": rest.lstrip("."), "message": what}]
     path, end = "0", 0
@@ -76,6 +81,15 @@ def finding_of_decoding(message: str) -> list[Finding]:
         path, end = f"{path}.{part[1] or 0}", part.end()
     member = rest[end:].lstrip(".")
     return [{"step": path, "message": what} | ({"member": member} if member else {})]
+
+
+def _in_words(message: str) -> str:
+    """Return a message of the decoder as people read it."""
+    if match := _MISSING.fullmatch(message):
+        return f"{match[1]} is missing."
+    for name, word in _WORDS.items():
+        message = message.replace(f"`{name}`", word)
+    return message.rstrip(".") + "."
 
 
 def _findings(error: FleetError) -> list[Finding]:
