@@ -205,9 +205,9 @@ def _decisions(facts: Facts, iri: NamedNode, state: object) -> list[Decision]:
 
 
 def _step_decisions(facts: Facts, iri: NamedNode, node: BlankNode, path: str) -> list[Decision]:
-    if _asks(facts, node):
-        return _answers(facts, iri, node)
     state, skip = facts.one(node, LF.state), Decision("Skip", _action_of(iri, "skip"), path)
+    if _asks(facts, node):
+        return [*_answers(facts, iri, node), skip]
     if state in _OPENED:
         return [Decision("Retry", _action_of(iri, "retry"), path), skip]
     return [skip] if state == LF.waiting else []

@@ -125,12 +125,18 @@ export function placeFor(root, id, way) {
   const { parent } = find(root, id) ?? {};
   if (!parent) return undefined;
   const index = parent.below.findIndex((each) => each.id === id);
-  const above = find(root, parent.id).parent;
   if (way === "up") return index > 0 ? { parent, index: index - 1 } : undefined;
   if (way === "down") return index < parent.below.length - 1 ? { parent, index: index + 1 } : undefined;
-  if (way === "out") return above && above.type !== "repeat" ? { parent: above, index: above.below.indexOf(parent) + 1 } : undefined;
+  if (way === "out") return outside(root, parent);
   const before = parent.below.slice(0, index).reverse().find(holdsSteps) ?? parent.below.slice(index + 1).find(holdsSteps);
   return before && { parent: before, index: before.below.length };
+}
+
+/** Return the place after a step; a step that repeats has one step, so that it is the place after that one. */
+function outside(root, inner) {
+  const { parent } = find(root, inner.id);
+  if (!parent) return undefined;
+  return parent.type === "repeat" ? outside(root, parent) : { parent, index: parent.below.indexOf(inner) + 1 };
 }
 
 /** Move a step, unless it would be below itself. Return whether it has moved. */
