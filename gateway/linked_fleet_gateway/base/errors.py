@@ -76,7 +76,7 @@ class FleetError(Exception):
         self.report = report
         self.constraint: str | None = None
         self.added: Members = {}
-        """Further extension members, of whoever passes the error on and knows more about it."""
+        """Further extension members, beside ``members``, of whoever passes the error on and knows more about it."""
 
     def constrain(self, constraint: str) -> None:
         """Add a link to the description of the violated constraints, if there is none yet (LDP 4.2.1.6)."""
@@ -91,7 +91,7 @@ class FleetError(Exception):
     @property
     def members(self) -> Members:
         known = {name: getattr(self, name) for name in self.member_names}
-        return {name: value for name, value in (known | self.added).items() if value is not None}
+        return {name: value for name, value in known.items() if value is not None}
 
     def __str__(self) -> str:
         return f"{self.status} {self.title}: {self.detail}"

@@ -15,7 +15,9 @@ Finding = dict[str, str]
 _MOST, _MOST_TEXT = 200, 500
 _GATEWAY = 500
 _RESULT = {SH.resultPath: "path", SH.resultMessage: "message", SH.value: "value"}
-_DECODED = re.compile(r"(?P<what>.*) - at `\$\.(?:(?P<list>parameters)\[(?P<number>\d+)\]|(?P<root>step))(?P<rest>\S*)`", re.S)
+_DECODED = re.compile(
+    r"(?P<what>.*) - at `\$\.(?:(?P<list>parameters)\[(?P<number>\d+)\]|(?P<root>step))(?P<rest>\S*)`", re.S
+)
 _MISSING = re.compile(r"Object missing required field `(.*)`")
 _WORDS = {
     "float": "a number", "int": "a whole number", "str": "a text", "bool": "true or false", "array": "a list",

@@ -4,7 +4,7 @@ import { button, choice, element } from "./elements.js";
 
 const TYPES = { number: "number", integer: "whole number", boolean: "yes or no", text: "text", iri: "thing" };
 const NUMERIC = ["number", "integer"];
-const HEADS = ["Name", "Type", "Least", "Greatest", "Options", "Default", ""];
+const HEADS = ["Name", "Type", "Least", "Greatest", "Options", "Default", "Delete"];
 
 /**
  * @param {import("./builder.js").Builder} builder
