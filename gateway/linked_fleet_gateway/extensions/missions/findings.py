@@ -1,4 +1,4 @@
-"""What is wrong with a mission, step by step: errors that name the steps, and what in their bodies is at fault. Pure."""
+"""What is wrong with a mission: errors that name the steps, and what in their bodies is at fault. Pure."""
 
 import re
 from collections.abc import Iterator, Sequence
@@ -78,10 +78,10 @@ def finding_of_decoding(message: str) -> list[Finding]:
     what, rest = _in_words(match["what"])[:_MOST_TEXT], match["rest"]
     if match["list"]:
         return [{"parameterNumber": match["number"], "member": rest.lstrip("."), "message": what}]
-    path, end = "0", 0
-    for part in iter(lambda: _PART.match(rest, end), None):
-        path, end = f"{path}.{part[1] or 0}", part.end()
-    member = rest[end:].lstrip(".")
+    path = "0"
+    while part := _PART.match(rest):
+        path, rest = f"{path}.{part[1] or 0}", rest[part.end() :]
+    member = rest.lstrip(".")
     return [{"step": path, "message": what} | ({"member": member} if member else {})]
 
 
