@@ -183,7 +183,7 @@ def _fields(described: bytes, node: str) -> tuple[str, tuple[Leaf | Group, ...]]
         graph.add((terms[0], terms[1], terms[2]))
         found = terms[2] if str(triple.object) == node else terms[0] if str(triple.subject) == node else found
     shape = read_shape(graph, found)
-    known = form_in(triples, NamedNode(found) if isinstance(found, URIRef) else BlankNode(found))
+    known = form_in(triples, NamedNode(found) if isinstance(found, URIRef) else BlankNode(str(found)))
     return _classes(shape), tuple(_with_members([_field(each, shape) for each in _asked(shape)], known))
 
 

@@ -19,6 +19,12 @@ def refusal(mission: dict[str, Any]) -> FleetError:
     return refused.value
 
 
+def findings_of(error: FleetError) -> list[dict[str, str]]:
+    found = error.added["findings"]
+    assert isinstance(found, list)
+    return [each for each in found if isinstance(each, dict)]
+
+
 @pytest.mark.parametrize(
     ("step", "path", "member", "message"),
     [
@@ -31,8 +37,7 @@ def refusal(mission: dict[str, Any]) -> FleetError:
     ],
 )
 def test_a_step_that_is_not_of_its_form_is_named(step: dict[str, Any], path: str, member: str, message: str) -> None:
-    (found,) = refusal({"title": "a", "step": step}).added["findings"]  # type: ignore[misc]
-    assert isinstance(found, dict)
+    (found,) = findings_of(refusal({"title": "a", "step": step}))
     assert (found["step"], found.get("member")) == (path, member)
     assert message is None or found["message"] == message
 
@@ -45,17 +50,14 @@ def test_all_steps_and_parameters_that_are_wrong_are_named() -> None:
     ]
     parameter = {"name": "angle", "type": "number", "minimum": 1, "default": 0}
     refused = refusal({"title": "a", "parameters": [parameter], "step": {"type": "sequence", "steps": steps}})
-    found = refused.added["findings"]
-    assert isinstance(found, list)
-    assert [each.get("step") or each.get("parameter") for each in found] == ["0.0", "0.1", "0.2", "angle"]  # type: ignore[union-attr]
+    assert [each.get("step") or each.get("parameter") for each in findings_of(refused)] == ["0.0", "0.1", "0.2", "angle"]
     assert refused.detail.startswith("Step 0.0: ")
 
 
 def test_a_parameter_that_is_not_of_its_form_is_named_by_its_number() -> None:
     parameters = [{"name": "a", "type": "text"}, {"name": "b b", "type": "text"}]
     refused = refusal({"title": "a", "parameters": parameters, "step": {"type": "wait", "seconds": 1}})
-    (found,) = refused.added["findings"]  # type: ignore[misc]
-    assert isinstance(found, dict)
+    (found,) = findings_of(refused)
     assert (found["parameterNumber"], found["member"]) == ("1", "name")
 
 
