@@ -121,6 +121,9 @@ def test_steps_are_moved_copied_and_deleted_and_the_mission_is_edited(operator: 
     expect(page.locator("#builder .builder-head .answer")).to_have_text("Saved.")
     kept = client.http.get(mission, headers={"accept": "application/json"}).json()
     assert (kept["title"], kept["step"]) == ("mine", said["step"])
+    page.goto(mission)
+    operator.press(page.get_by_role("link", name="Put into the queue"))
+    expect(page.locator("#new-order").get_by_label("mission")).to_have_value(mission)
     operator.forgive("412")
 
 
