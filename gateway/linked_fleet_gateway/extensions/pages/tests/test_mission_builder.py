@@ -75,6 +75,7 @@ def test_a_mission_is_built_and_run(operator: PageUser, client: Client) -> None:
     expect(answer).to_have_text("Saved.")
     assert operator.fits()
 
+    operator.press(page.get_by_text("Run the mission"))
     operator.press(page.locator("#builder details.action form.invoke button", has_text=re.compile("^run$")))
     page.wait_for_url("**/mission-runs/*")
     operator.press(page.locator("#run-state").get_by_role("button", name="Yes: Is the way free?"))
