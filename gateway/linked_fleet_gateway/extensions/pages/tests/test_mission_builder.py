@@ -115,10 +115,10 @@ def test_steps_are_moved_copied_and_deleted_and_the_mission_is_edited(operator: 
     changed = {**said, "title": "changed elsewhere"}
     assert client.http.put(mission, json=changed).status_code == 204
     page.get_by_role("button", name="Save", exact=True).click()  # Chromium drops a tap right after an emulated drag
-    operator.press(page.get_by_role("button", name="Load it as it is now"))
+    page.get_by_role("button", name="Load it as it is now").click()
     expect(page.get_by_label("Title of the mission")).to_have_value("changed elsewhere")
     fill(page, "Title of the mission", "mine")
-    operator.press(page.get_by_role("button", name="Save", exact=True))
+    page.get_by_role("button", name="Save", exact=True).click()
     expect(page.locator("#builder .builder-head .answer")).to_have_text("Saved.")
     kept = client.http.get(mission, headers={"accept": "application/json"}).json()
     assert (kept["title"], kept["step"]) == ("mine", said["step"])
