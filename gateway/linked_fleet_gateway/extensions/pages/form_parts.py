@@ -15,7 +15,7 @@ class Leaf:
 
     ``when``: the types of its node to which it applies, empty for all. ``editor``: the language of a text, for
     `scripts/src/editor.js`. ``variable``: whether ``?name`` stands for a node that names a variable. ``further``: the
-    values after the first.
+    values after the first. ``member``: its name in the JSON form, in that of the next group above which has one.
     """
 
     path: str
@@ -34,6 +34,7 @@ class Leaf:
     editor: str = ""
     variable: bool = False
     further: Sequence[str] = ()
+    member: str = ""
     kind: ClassVar[str] = "leaf"
 
     @property
@@ -54,7 +55,7 @@ class Leaf:
 class Group:
     """A nested node with its classes. ``least`` and ``most``: how often it may occur.
 
-    ``filled``: it is sent even if unchanged. ``when``: as in Leaf.
+    ``filled``: it is sent even if unchanged. ``when``, ``member``: as in Leaf.
     """
 
     path: str
@@ -66,6 +67,7 @@ class Group:
     fields: Sequence["Leaf | Group"]
     filled: bool = False
     when: Sequence[str] = ()
+    member: str = ""
     kind: ClassVar[str] = "group"
 
     @property
