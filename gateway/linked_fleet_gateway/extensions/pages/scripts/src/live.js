@@ -11,7 +11,7 @@ import { RESULT_TIME, UNKNOWN, lf, localName } from "./vocabulary.js";
 
 const LIVE = "[data-subject][data-path]:not(figure)";
 // These change but cannot be observed: their page polls.
-const ASKING = new Set(["audit", "subscriptions", "subscription", "lease"]);
+const ASKING = new Set(["subscriptions", "subscription", "lease"]);
 const ASK_AGAIN_MS = 3000;
 // Subscribed without values, which come as small frames.
 const THINGS = new Set(["robot", "joint", "link"]);
