@@ -100,6 +100,7 @@ _DONE = {
     "DELETE": "delete",
     "subscribe": "subscribe to",
     "unsubscribe": "end a subscription to",
+    "INVITATION": "open",
     "stream": "open a stream to",
     "end stream": "end a stream to",
 }

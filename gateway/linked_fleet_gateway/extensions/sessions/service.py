@@ -17,6 +17,7 @@ from typing import Self
 
 from linked_fleet_gateway.api import cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_gateway.extensions.sessions.invitations import Invitations
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     KEY_BYTES,
     Session,
@@ -150,6 +151,7 @@ class Sessions:
 
     def __init__(self, identities: Identities, key: SessionKey, ended: EndedSessions) -> None:
         self.identities, self.key, self._ended = identities, key, ended
+        self.invitations: Invitations | None = None
         self._hearing: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:

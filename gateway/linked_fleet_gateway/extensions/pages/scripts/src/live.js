@@ -37,7 +37,9 @@ export function follow(follower) {
 export function start() {
   const { resource, observable, kind } = document.body.dataset;
   adopt(collect);
-  if (observable !== undefined && THINGS.has(kind)) {
+  const may = document.body.dataset.may?.split(" ");
+  if (may && !may.includes("subscribe")) setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS); // such as guests
+  else if (observable !== undefined && THINGS.has(kind)) {
     watch(resource, { depth: "this" }, (graph) => take(resource, graph));
     adopt(properties);
   } else if (observable !== undefined) watch(resource, {}, (graph) => take(resource, graph));
