@@ -20,7 +20,6 @@ from linked_fleet_gateway.api import (
     Core,
     Extension,
     Mount,
-    NavigationEntry,
     Request,
     RequestEvent,
     Table,
@@ -137,7 +136,6 @@ class SessionsExtension(Extension):
     settings = SessionSettings
     vocabulary = (HERE / "vocabulary.ttl",)
     shapes = (HERE / "shapes.ttl",)
-    navigation = (NavigationEntry("Invitations", PATH, 92, restricted=True),)
 
     def views(self) -> Sequence[object]:
         from linked_fleet_gateway.extensions.sessions import page
@@ -169,6 +167,7 @@ class SessionsExtension(Extension):
                     scheme=SessionScheme(sessions),
                     branches=(branch_of(container),),
                     writers={Invite: invite(container)},
+                    services=(sessions,),
                 )
             finally:
                 await cancel_tasks(tasks)

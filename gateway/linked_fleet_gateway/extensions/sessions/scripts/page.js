@@ -37,7 +37,7 @@ async function invite(form) {
   const field = Object.assign(document.createElement("input"), { id: "invitation-link", readOnly: true, value: link });
   field.addEventListener("focus", () => field.select());
   const label = Object.assign(document.createElement("label"), { htmlFor: field.id, textContent: "Send this link. It is shown only now:" });
+  form.reset(); // it would empty the field as well
   output.replaceChildren(label, field);
-  form.reset();
   refresh();
 }

@@ -38,6 +38,8 @@ export function start() {
   const { resource, observable, kind } = document.body.dataset;
   adopt(collect);
   const may = document.body.dataset.may?.split(" ");
+  // Whether the robot of an action is there cannot be observed at the action.
+  if (kind === "action") setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS);
   if (may && !may.includes("subscribe")) setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS); // such as guests
   else if (observable !== undefined && THINGS.has(kind)) {
     watch(resource, { depth: "this" }, (graph) => take(resource, graph));
