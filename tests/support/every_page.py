@@ -3,10 +3,10 @@
 from typing import Any
 
 from playwright.sync_api import expect
-from rdflib import Literal
+from rdflib import Literal, URIRef
 
 from accessibility import violations_in_both_schemes
-from browser import HYBRIT, LF, ROS, Browser
+from browser import HYBRIT, LDP, LF, ROS, Browser
 from commanding import PREFIXES, TURTLE, radian
 from page_user import PageUser
 from plain_words import FOR_PROGRAMS, faults
@@ -78,6 +78,11 @@ def pages_of_each_kind(browser: Browser) -> dict[str, str]:
         "vocabulary": str(root.one(LF.vocabulary)),
         "lease": str(robot.one(LF.lease)),
         "annotations": robot.url + "annotations",
+        "recordings": robot.url + "recordings",
+        "recording": eventually(lambda: _first(browser, robot.url + "recordings"), "a recording"),
+        "camera": browser.root + "tiago/cameras/head",
+        "cameras": browser.root + "tiago/cameras",
+        "all cameras": browser.root + "cameras",
         "joint state": str(robot.one(LF.jointState)),
         "histories": str(root.one(LF.histories)),
         "history": history,
@@ -110,6 +115,14 @@ def pages_of_each_kind(browser: Browser) -> dict[str, str]:
         "things": str(root.one(LF.things)),
         "nothing": browser.root + "nothing/of/this/name",
     }
+
+
+def _first(browser: Browser, container: str) -> str:
+    """Return the first member of a container; empty if it is not there yet, or has none."""
+    if browser.http.get(container).status_code != 200:
+        return ""
+    graph = browser.page(container).graph
+    return next((str(each) for each in graph.objects(URIRef(container), LDP.contains)), "")
 
 
 def _turn(browser: Browser, rotate: str, angle: float) -> None:

@@ -1,22 +1,20 @@
 """Real processes for tests: free ports, and conditions to wait for instead of sleeps."""
 
-import atexit
 import contextlib
 import functools
 import itertools
 import os
-import shutil
 import signal
 import socket
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TypeVar
 
+from state_home import state_home
 from virtual.loop import current
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,13 +65,6 @@ def eventually(probe: Callable[[], T | None], what: str | Callable[[], str]) -> 
 
 
 @functools.cache
-def _state_home() -> str:
-    """Return the default folder for the state of processes, which are kept out of the user's own folders."""
-    home = tempfile.mkdtemp(prefix="linked-fleet-")
-    atexit.register(shutil.rmtree, home, ignore_errors=True)
-    return home
-
-
 class Process:
     """A child process whose output is kept for the test report: a Python program, or one by its path."""
 
@@ -88,7 +79,7 @@ class Process:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env={**os.environ, "PYTHONPATH": str(ROOT), "XDG_STATE_HOME": _state_home(), **(environment or {})},
+            env={**os.environ, "PYTHONPATH": str(ROOT), "XDG_STATE_HOME": state_home(), **(environment or {})},
         )
         self._reader = threading.Thread(target=self._read, daemon=True)
         self._reader.start()

@@ -27,8 +27,8 @@ from linked_fleet_agent.wire.messages import Base, Camera, PictureFormat
 
 # After a stall the simulation catches up by this much at most, so that a slow host does not fall behind further.
 MAX_CATCH_UP_S = 0.1
-# The computer counts as too slow when stalls left out so much of the last seconds. One stall alone, as when other programs
-# start, is no news.
+# The computer counts as too slow when stalls left out so much of the last seconds. One stall alone, as when another
+# program starts, is no news.
 _LOOKED_BACK_S, _TOO_MUCH_S = 10.0, 1.0
 _AT_LIMIT = 0.999
 # A servo this close to its setpoint counts as holding it. Using its sagged position as the new setpoint would add sag.

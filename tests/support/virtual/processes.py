@@ -25,6 +25,7 @@ from linked_fleet_gateway.link.transport import LinkError, Session
 from linked_fleet_gateway.runtime.log import create_formatter
 from linked_fleet_gateway.runtime.redis import InvalidUrl
 from linked_fleet_server.server import Server
+from state_home import state_home
 from virtual.confined import Confined, confined
 from virtual.loop import VirtualLoop, current
 from virtual.played_session import PlayedSession
@@ -177,11 +178,12 @@ class VirtualProcess:
 
     async def _gateway(self, words: list[str]) -> int:
         try:
-            settings = GatewaySettings.read({}, words)
+            environment = {"XDG_STATE_HOME": state_home()}
+            settings = GatewaySettings.read(environment, words)
             self._logging.setFormatter(create_formatter(settings.log_format))
             if not settings.redis_url:
                 words = [*words, "--redis-url", self._world.embedded(settings.state_path).url]
-                settings = GatewaySettings.read({}, words)
+                settings = GatewaySettings.read(environment, words)
             listener: Any = Listener(self._loop.internet, settings.host, settings.port)
         except (ValueError, OSError) as error:
             self.lines.append(f"gateway: {error}\n")

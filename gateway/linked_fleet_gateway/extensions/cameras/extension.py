@@ -17,6 +17,7 @@ from linked_fleet_gateway.api import (
     Core,
     Extension,
     Mount,
+    NavigationEntry,
     Request,
     RequestView,
     Resource,
@@ -27,7 +28,13 @@ from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.extensions.cameras.cameras import FORMATS
 from linked_fleet_gateway.extensions.cameras.operations import operations
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
-from linked_fleet_gateway.extensions.cameras.resources import RobotCamera, cameras_branch, mounted_cameras
+from linked_fleet_gateway.extensions.cameras.resources import (
+    PATH,
+    RobotCamera,
+    cameras_branch,
+    mounted_cameras,
+    wall_branch,
+)
 from linked_fleet_gateway.serving import await_preconditions
 
 # Pictures come from robots, so a browser that opens one as a document must not execute anything in it.
@@ -84,12 +91,14 @@ class CamerasExtension(Extension):
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
     in_robot = ("cameras",)
+    at_root = (PATH[1:],)
+    navigation = (NavigationEntry("Cameras", PATH, 37),)
     link_statements = (mounted_cameras,)
 
     def views(self) -> Sequence[object]:
         from linked_fleet_gateway.extensions.cameras import page
 
-        return (page.VIEW,)
+        return page.VIEWS
 
     def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)
@@ -98,7 +107,7 @@ class CamerasExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         async with Pictures(core.live) as pictures:
             yield Mount(
-                branches=(cameras_branch(pictures.latest),),
+                branches=(cameras_branch(pictures.latest), wall_branch()),
                 readers={RobotCamera: partial(read_camera, pictures)},
                 subprotocols={"lf.jpeg": "image/jpeg", "lf.png": "image/png"},
                 services=(pictures,),

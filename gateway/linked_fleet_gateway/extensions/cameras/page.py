@@ -1,13 +1,15 @@
-"""The page of a camera."""
+"""The pages of cameras: one camera, those of a robot, and those of all robots, each with what it sees."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.extensions.cameras.resources import LF
+from linked_fleet_gateway.api import LDP, RDFS
+from linked_fleet_gateway.extensions.cameras.resources import LF, PATH
+from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part
 from linked_fleet_gateway.extensions.pages.thing_views import AROUND, PRESENCE, presence
-from linked_fleet_gateway.extensions.pages.values import Facts
-from linked_fleet_gateway.extensions.pages.views import PageView, Part
 
 
 def camera(facts: Facts, iri: NamedNode) -> Part:
@@ -23,4 +25,32 @@ def camera(facts: Facts, iri: NamedNode) -> Part:
     return Part(more, {*PRESENCE, *AROUND, *((LF.picture,) if there else ())})
 
 
-VIEW = PageView(LF.Camera, Path(__file__).parent / "templates" / "camera.html", camera)
+@dataclass(frozen=True)
+class Seen:
+    """A camera among others. ``robot``: whose it is, where that is not plain. ``reason``: why it has no pictures."""
+
+    link: Link
+    robot: Link | None
+    reason: str
+
+
+def cameras(facts: Facts, iri: NamedNode) -> Part:
+    """Show what each camera sees; scripts fetch the pictures of those in view."""
+    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    seen = [Seen(facts.link(each), _robot(facts, each), facts.text(each, LF.reason)) for each in members]
+    return Part({"cameras": seen, "all": facts.root + PATH[1:]}, {LDP.contains, RDFS.seeAlso}, {*members})
+
+
+def _robot(facts: Facts, camera: NamedNode) -> Link | None:
+    robot = facts.one(camera, LF.ofRobot)
+    if not isinstance(robot, NamedNode):
+        return None
+    return Link(texts.place(robot.value, facts.root), robot.value, robot.value)
+
+
+_TEMPLATES = Path(__file__).parent / "templates"
+VIEWS = (
+    PageView(LF.Camera, _TEMPLATES / "camera.html", camera),
+    PageView(LF.Cameras, _TEMPLATES / "cameras.html", cameras),
+    PageView(LF.FleetCameras, _TEMPLATES / "fleet_cameras.html", cameras),
+)

@@ -13,6 +13,7 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_agent.wire.messages import Camera
 from linked_fleet_gateway.api import (
     CONTAINER,
+    FleetBranch,
     RequestView,
     Resource,
     RobotBranch,
@@ -41,10 +42,12 @@ from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, describe_layout, layout_path
 
 LF = CORE.extended(
-    "Camera Cameras CameraShape CamerasShape cameras imageWidth imageHeight verticalFieldOfView nearest"
-    " farthest maximumRate picture"
+    "Camera Cameras FleetCameras CameraShape CamerasShape FleetCamerasShape cameras allCameras ofRobot imageWidth"
+    " imageHeight verticalFieldOfView nearest farthest maximumRate picture"
 )
 
+PATH = "/" + SEGMENT
+_WALL = "the list of all cameras"
 MAX_RATE_HZ = 10.0
 """Highest rate of queries to one camera, however many clients want its pictures."""
 _DEPTH_HEADER = (
@@ -89,6 +92,43 @@ def cameras_branch(held: Held) -> RobotBranch:
         return _resolve(held, view, robot, rest)
 
     return RobotBranch(SEGMENT, LF.cameras, resolve, lambda robot: bool(cameras_of(robot)))
+
+
+def wall_branch() -> FleetBranch:
+    """Return the branch ``/cameras``: the cameras of all robots that the caller sees."""
+
+    def resolve(view: RequestView, rest: list[str]) -> Resource | None:
+        found = _wall(view)
+        if rest == ["blueprint"]:
+            return blueprint_of(found, view.base, (LF.FleetCamerasShape,), found.source)
+        return None if rest else found
+
+    return FleetBranch(SEGMENT, LF.allCameras, resolve)
+
+
+def _wall(view: RequestView) -> Resource:
+    found = list[tuple[Robot, dict[str, Camera]]]()
+    for robot in view.robots.values():
+        with view.faults.guard(_WALL, robot.name):
+            if cameras := cameras_of(robot):
+                found.append((robot, cameras))
+
+    def describe(graph: Graph) -> None:
+        iri = view.iri(PATH)
+        graph.a(iri, LF.FleetCameras, LDP.BasicContainer, LDP.Container)
+        graph.add(iri, DCTERMS.title, Literal("Cameras"))
+        graph.add(iri, RDFS.seeAlso, view.iri("/"))
+        graph.add(iri, HYBRIT.blueprint, LF.FleetCamerasShape, NamedNode(iri.value + "/blueprint"))
+        for robot, cameras in found:
+            for camera in cameras.values():
+                _describe_member(graph, view, iri, robot, camera)
+                member = view.iri(camera_path(robot.name, camera.name))
+                graph.add(member, LF.ofRobot, view.iri(robot_path(robot.name)))
+
+    source = Source(lambda: [(robot.name, robot.description) for robot, _ in found])
+    members = tuple(camera_path(robot.name, name) for robot, cameras in found for name in cameras)
+    own = (PATH + "/blueprint",)
+    return Resource(PATH, "Cameras", describe, CONTAINER, source, own_paths=own, part_paths=members)
 
 
 def _resolve(held: Held, view: RequestView, robot: Robot, rest: list[str]) -> Resource | None:
@@ -166,10 +206,15 @@ def _describe_all(graph: Graph, view: RequestView, robot: Robot, cameras: Iterab
     graph.add(iri, RDFS.seeAlso, view.iri(robot_path(robot.name)))
     graph.add(iri, HYBRIT.blueprint, LF.CamerasShape, NamedNode(iri.value + "/blueprint"))
     for camera in cameras:
-        member = view.iri(camera_path(robot.name, camera.name))
-        graph.add(iri, LDP.contains, member)
-        graph.a(member, LF.Camera)
-        graph.add(member, DCTERMS.title, Literal(camera.name))
+        _describe_member(graph, view, iri, robot, camera)
+
+
+def _describe_member(graph: Graph, view: RequestView, container: NamedNode, robot: Robot, camera: Camera) -> None:
+    member = view.iri(camera_path(robot.name, camera.name))
+    graph.add(container, LDP.contains, member)
+    graph.a(member, LF.Camera)
+    graph.add(member, DCTERMS.title, Literal(camera.name))
+    graph.add(member, LF.reason, *_reason(camera))
 
 
 def _describe(graph: Graph, view: RequestView, robot: Robot, camera: Camera) -> None:
@@ -190,14 +235,16 @@ def _describe(graph: Graph, view: RequestView, robot: Robot, camera: Camera) -> 
     graph.scalar(iri, LF.maximumRate, MAX_RATE_HZ if types else None, HERTZ)
     graph.add(iri, LF.picture, iri if types else LF.unknown)
     graph.add(iri, DCTERMS.format, *map(Literal, types))
-    if not types:
-        graph.add(
-            iri,
-            LF.reason,
-            Literal(camera.unavailable or "The robot offers no picture format that this gateway supports."),
-        )
+    graph.add(iri, LF.reason, *_reason(camera))
     if not robot.online:
         Describer(view.base).presence(graph, iri, robot)
+
+
+def _reason(camera: Camera) -> list[Literal]:
+    """Return why a camera has no pictures; nothing if it has."""
+    if types_of(camera):
+        return []
+    return [Literal(camera.unavailable or "The robot offers no picture format that this gateway supports.")]
 
 
 def _in_layout(view: RequestView, robot: Robot, camera: Camera, rest: Sequence[str]) -> Resource | None:

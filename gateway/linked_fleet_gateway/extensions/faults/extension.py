@@ -49,10 +49,12 @@ from linked_fleet_gateway.extensions.faults.links import Linking
 from linked_fleet_gateway.extensions.faults.messages import Telling
 from linked_fleet_gateway.extensions.faults.notify import LOOK_S, Notifier, by_apprise
 from linked_fleet_gateway.extensions.faults.raising import raise_fault
+from linked_fleet_gateway.extensions.faults.recording import Recording
 from linked_fleet_gateway.extensions.faults.signals import Signals
 from linked_fleet_gateway.extensions.faults.terms import LF
 from linked_fleet_gateway.extensions.faults.watch import AboutRun, Watch
 from linked_fleet_gateway.extensions.missions.extension import RunsOfMissions
+from linked_fleet_gateway.extensions.recordings.recorder import Recorder
 from linked_fleet_gateway.faces import Identity, View
 
 log = logging.getLogger(__name__)
@@ -121,9 +123,14 @@ class FaultsExtension(Extension):
                 records, signals, lambda: gateways.leads, watch.judges, section.kept_days * 86_400, section.most
             )
 
+            recorder = core.optional_service(Recorder)
+            recording = None if recorder is None else Recording(recorder, ledger.known)
+
             async def look() -> None:
                 await watch.look()
                 await ledger.round()
+                if recording is not None:
+                    recording.look()
 
             tasks = [supervised(look, "faults", log, "faults are not recorded", ROUND_S)]
             notifier = await _notifier(core, section, ledger, gateways)

@@ -4,7 +4,8 @@ from typing import NamedTuple
 
 from linked_fleet_gateway.api import Core, Member, thing_at
 from linked_fleet_gateway.extensions.faults.fault import Fault
-from linked_fleet_gateway.extensions.recordings.extension import Recorder
+from linked_fleet_gateway.extensions.faults.recording import recording_of
+from linked_fleet_gateway.extensions.recordings.recorder import Recorder
 
 
 class Links(NamedTuple):
@@ -26,8 +27,7 @@ class Linking:
         trouble, view = member.record.trouble, member.view
         invocation = trouble.invocation.rpartition("/")[2]
         known = bool(invocation) and view.invocations.get(invocation) is not None
-        recorder, robot = self._recorder, next(iter(trouble.robots), "")
-        recording = "" if recorder is None else recorder.path_of(robot, invocation)
+        recording = "" if self._recorder is None else recording_of(self._recorder, member.record)
         return Links(self._about(member), trouble.invocation if known else "", recording)
 
     def _about(self, member: Member[Fault]) -> str:

@@ -71,6 +71,17 @@ def watch(page: Page, subprotocol: str, query: str = "") -> Any:
     return websocket(page.url + query, {}, subprotocol)
 
 
+def test_the_fleet_lists_the_cameras_of_all_robots_that_are_there(hall: Hall) -> None:
+    first, second = hall.seer(EYE)[1], hall.seer(EYE, BLIND)[1]
+    root = hall.browser.page(hall.browser.root)
+    wall = hall.browser.page(str(root.one(LF.allCameras)))
+    listed = set(wall.graph.objects(wall.iri, LDP.contains))
+    assert {first.iri, second.iri} <= listed
+    assert str(next(wall.graph.objects(first.iri, LF.ofRobot))) == first.url.partition("cameras")[0]
+    blueprint = hall.browser.page(wall.url + "/blueprint").graph
+    assert pyshacl.validate(wall.graph, shacl_graph=blueprint)[0]
+
+
 def test_a_camera_is_described_and_leads_to_its_link_and_back(hall: Hall) -> None:
     seer, page = hall.seer(EYE)
     assert {LF.Camera, SOSA.Sensor, HYBRIT.Property} <= set(page.graph.objects(page.iri, rdflib.RDF.type))

@@ -2,6 +2,7 @@
 
 import contextlib
 import signal
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -11,8 +12,9 @@ import pytest
 import rdflib
 from rdflib import URIRef
 
-from browser import HYBRIT, LDP, LF
+from browser import DCTERMS, HYBRIT, LDP, LF
 from gateway_group import Gateway, Hub, gateways, hub
+from linked_fleet_gateway.extensions.recordings import recorder
 from redis_servers import single
 from running import Process, eventually, process
 from small_fleet import live
@@ -88,6 +90,30 @@ def test_a_robot_that_goes_is_one_fault_at_all_gateways_until_it_is_back(scene: 
     with process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", scene.hub.endpoint):
         scene.becomes("offline", "cleared")
         assert scene.do("offline", "acknowledge") == 409
+
+
+def test_the_time_before_a_fault_is_recorded_once_for_each_appearance(scene: Scene) -> None:
+    """Each gateway keeps its own, under the same address; information is not recorded."""
+
+    def recording(gateway: Gateway) -> str:
+        found = scene.faults(gateway).get("told noise", {}).get("recording", "")
+        return str(found).removeprefix(gateway.browser.root)
+
+    assert scene.raise_(faultKind="idea", severity="https://w3id.org/linked-fleet#information") == 204
+    assert scene.raise_(faultKind="noise") == 204
+    first = eventually(lambda: recording(scene.one), "a recording")
+    eventually(lambda: recording(scene.other) == first, "the same at the other gateway")
+    page = scene.one.browser.page(scene.one.browser.root + first)
+    assert str(page.one(DCTERMS.description)) == "It rattles."
+    assert int(str(page.one(LF.byteSize))) > 0
+    container = scene.one.browser.page(page.url.rpartition("/")[0])
+    assert [str(each) for each in container.graph.objects(None, DCTERMS.description)] == ["It rattles."]
+    assert scene.do("told noise", "acknowledge") == 204
+    scene.becomes("told noise", "cleared")
+    assert "recording" in scene.faults()["told noise"]
+    time.sleep(recorder.PAUSE_S)
+    assert scene.raise_(faultKind="noise") == 204
+    eventually(lambda: recording(scene.one) not in ("", first), "another recording")
 
 
 def test_what_a_client_raises_is_seen_everywhere_and_counted(scene: Scene) -> None:

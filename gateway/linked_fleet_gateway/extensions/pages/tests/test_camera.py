@@ -78,3 +78,18 @@ def test_the_page_of_a_robot_has_thumbnails_of_what_its_cameras_see(seer: tuple[
     page.wait_for_function(shows, arg=2)
     thumbnail.click()
     expect(page).to_have_url(url)
+
+
+def test_the_wall_shows_what_all_cameras_see(seer: tuple[CameraRobot, str], blind: str, page: Page) -> None:
+    """Live while they are in view; a camera without pictures has none, and leads to its page, which says why."""
+    robot, url = seer
+    robot.contents["jpeg"] = picture("red")
+    page.goto(url.partition("seer")[0] + "cameras")
+    wall = page.locator("#wall a:has(.nothing)")
+    expect(wall).to_have_count(2)
+    page.wait_for_function(SHOWS.replace("#seen > img", f"a[data-camera='{url}'] img"), arg=0)
+    expect(page.locator(f'#wall a[href="{blind}"]')).to_contain_text("nothing renders here")
+    page.goto(url.rpartition("/")[0])
+    expect(wall).to_have_count(1)
+    page.get_by_role("link", name="Cameras of all robots").click()
+    expect(wall).to_have_count(2)

@@ -23,8 +23,10 @@ from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, joints_of
-from linked_fleet_gateway.extensions.recordings import extension
-from linked_fleet_gateway.extensions.recordings.extension import MOST_OF_ROBOT, MOST_WAITING, TERMS, Job, Recorder
+from linked_fleet_gateway.extensions.recordings import folder, recorder
+from linked_fleet_gateway.extensions.recordings.occasion import outcome
+from linked_fleet_gateway.extensions.recordings.recorder import MOST_OF_ROBOT, MOST_WAITING, Job, Recorder
+from linked_fleet_gateway.extensions.recordings.resources import TERMS
 from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.subscriptions.live import Live
 from running import eventually
@@ -99,7 +101,7 @@ def test_stops_in_a_row_are_one_recording(made: Bench) -> None:
     for _ in range(5):
         made.begin(stops=())
     assert made.begun == ["r0"]
-    time.sleep(extension.PAUSE_S)
+    time.sleep(recorder.PAUSE_S)
     made.begin(stops=())
     assert made.begun == ["r0"]
 
@@ -130,8 +132,8 @@ async def test_a_recording_that_cannot_be_written_leaves_no_file_and_costs_no_ot
         made.begin(stops=())
         made._last_s.clear()
         await made._write_next()
-    folder = made._folder / extension._folder_name("r0")
-    before = sorted(folder.iterdir())
+    place = made._folder / folder.folder_name("r0")
+    before = sorted(place.iterdir())
     assert len(before) == MOST_OF_ROBOT
     usual = Path.write_bytes
 
@@ -142,22 +144,22 @@ async def test_a_recording_that_cannot_be_written_leaves_no_file_and_costs_no_ot
     monkeypatch.setattr(Path, "write_bytes", full)
     made.begin(stops=())
     await made._write_next()
-    assert sorted(folder.iterdir()) == before
-    assert sorted(made._of("r0").values()) == before
+    assert sorted(place.iterdir()) == before
+    assert sorted(each.path for each in made.of("r0").values()) == before
 
 
 async def test_what_a_killed_gateway_had_begun_to_write_is_removed_at_the_next_start(made: Bench) -> None:
     made.begin(stops=())
     await made._write_next()
-    folder = made._folder / extension._folder_name("r0")
-    (whole,) = folder.iterdir()
+    place = made._folder / folder.folder_name("r0")
+    (whole,) = place.iterdir()
     for name in ("r0", "r1"):
-        begun = made._folder / extension._folder_name(name) / "00000000000000000001-of-a-crash.new"
+        begun = made._folder / folder.folder_name(name) / "00000000000000000001-of-a-crash.new"
         begun.parent.mkdir(exist_ok=True)
         begun.write_bytes(b"x")
     async with made.running():
         assert [path for path in made._folder.rglob("*") if path.is_file()] == [whole]
-        assert list(made._of("r0").values()) == [whole]
+        assert [each.path for each in made.of("r0").values()] == [whole]
 
 
 async def test_a_recording_that_another_gateway_of_the_folder_is_writing_stays(
@@ -167,15 +169,15 @@ async def test_a_recording_that_another_gateway_of_the_folder_is_writing_stays(
 
     def slow(path: Path, content: bytes) -> int:
         usual(path, content[: len(content) // 2])
-        extension._remove_unfinished(made._folder)  # at the start of another gateway
+        folder.remove_unfinished(made._folder)  # at the start of another gateway
         assert path.exists()
         return usual(path, content)
 
     monkeypatch.setattr(Path, "write_bytes", slow)
     made.begin(stops=())
     await made._write_next()
-    (written,) = made._of("r0").values()
-    assert "/rosout" in read(written.read_bytes())
+    (written,) = made.of("r0").values()
+    assert "/rosout" in read(written.read())
 
 
 async def test_gateways_of_one_folder_keep_one_recording_of_an_invocation(made: Bench) -> None:
@@ -187,7 +189,8 @@ async def test_gateways_of_one_folder_keep_one_recording_of_an_invocation(made: 
     other.record_outcome(one)
     await other._write_next()
     (file,) = [path for path in made._folder.rglob("*") if path.is_file()]
-    assert list(made._of("r0").items()) == list(other._of("r0").items()) == [(one.id, file)]
+    assert made.of("r0") == other.of("r0")
+    assert [(id, each.path) for id, each in made.of("r0").items()] == [(one.id, file)]
 
 
 def read(content: bytes) -> dict[str, list[tuple[int, Any]]]:
@@ -205,7 +208,7 @@ def test_the_file_ends_with_the_outcome_of_the_invocation(bench: Any) -> None:
     unmeasured = frame(2, 6, math.nan)[:-8] + b"\0\0\0\0\0\0\xf0\x7f"
     frames = (frame(1, 5, 0.5), unmeasured, frame(3, 2**62))
     one = Invocation("id", "r", "/r/actions/rotate", {}, 1, 2, client="c", state=FAILED, reason="outside limits")
-    content = Job("r", Excerpt(joints, frames), b"<robot/>", one, 7).content
+    content = Job("r", Excerpt(joints, frames), b"<robot/>", outcome(one), 7).content
     found = read(content)
     assert [(at, each.position) for at, each in found["/joint_states"]] == [(5, [0.5]), (2**62, [0.0])]
     ((at, said),) = found["/rosout"]
@@ -214,6 +217,7 @@ def test_the_file_ends_with_the_outcome_of_the_invocation(bench: Any) -> None:
     (about,) = make_reader(io.BytesIO(content)).iter_metadata()
     assert about.metadata == {
         "id": "id", "action": "/r/actions/rotate", "client": "c", "state": "failed", "reason": "outside limits",
+        "says": "/r/actions/rotate: failed, outside limits",
     }  # fmt: skip
 
 
@@ -221,7 +225,7 @@ def test_a_robot_without_samples_has_a_file_with_the_invocation_alone(bench: Any
     joints = joints_of(bench.robot({"pan": ("continuous", "")}))
     assert isinstance(joints, Joints)
     one = Invocation("id", "r", "/r/actions/stop", {}, 1, 2, stops=(), state=SUCCEEDED)
-    ((at, said),) = read(Job("r", Excerpt(joints), b"", one, 7).content)["/rosout"]
+    ((at, said),) = read(Job("r", Excerpt(joints), b"", outcome(one), 7).content)["/rosout"]
     assert (at, said.level) == (7, 30)
 
 
@@ -258,7 +262,7 @@ def test_a_recording_is_found_by_links_and_read_by_the_reader_of_mcap(robot: Bro
     assert len(list((tmp_path / "recordings").glob("*/*.mcap"))) == 1
     with events(member.rpartition("/")[0], "text/event-stream") as container:
         container.next()
-        time.sleep(extension.PAUSE_S)
+        time.sleep(recorder.PAUSE_S)
         assert robot.http.post(f"{robot.root}ur5/actions/stop").status_code == 204
         told = container.next()
         assert len(list(told.graph.objects(told.iri, LDP.contains))) == 2
