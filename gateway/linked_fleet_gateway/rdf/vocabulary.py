@@ -36,7 +36,9 @@ SH = Namespace(
     " SPARQLSelectExecutable select"
     " result focusNode resultPath value resultMessage sourceConstraintComponent",
 )
-PROV = Namespace("http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith")
+PROV = Namespace(
+    "http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith used generated"
+)
 SOSA = Namespace(
     "http://www.w3.org/ns/sosa/",
     "ObservationCollection Observation hasMember hasFeatureOfInterest observedProperty hasResult hasSimpleResult"
