@@ -10,7 +10,8 @@ export function start() {
   const news = document.getElementById("audit-news");
   if (kind !== "audit" || !news) return;
   // Other sites' scripts cannot be here, and what is empty need not be in the address.
-  document.querySelector("form.audit-filter")?.addEventListener("formdata", ({ formData }) => {
+  document.querySelector("form.audit-filter")?.addEventListener("formdata", (event) => {
+    const { formData } = /** @type {FormDataEvent} */ (event);
     for (const [name, value] of [...formData]) if (!value) formData.delete(name);
   });
   const older = document.querySelector("#entries[data-older]");
