@@ -9,8 +9,9 @@ export function start() {
   const { kind } = document.body.dataset;
   const news = document.getElementById("audit-news");
   if (kind !== "audit" || !news) return;
-  // Other sites' scripts cannot be here, and what is empty need not be in the address.
-  document.querySelector("form.audit-filter")?.addEventListener("formdata", ({ formData }) => {
+  // What is empty need not be in the address.
+  document.querySelector("form.audit-filter")?.addEventListener("formdata", (event) => {
+    const { formData } = /** @type {FormDataEvent} */ (event);
     for (const [name, value] of [...formData]) if (!value) formData.delete(name);
   });
   const older = document.querySelector("#entries[data-older]");
