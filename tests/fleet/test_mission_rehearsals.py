@@ -177,3 +177,32 @@ def test_a_rehearsal_conforms_to_its_shape_and_moves_nothing(cell: Cell) -> None
     assert (LF.RehearsalShape, None, None) in shapes and (LF.StepRehearsalShape, None, None) in shapes
     conforms, _, text = pyshacl.validate(graph, shacl_graph=shapes)
     assert conforms, text
+
+
+def test_a_mission_is_rehearsed_before_it_is_kept(cell: Cell) -> None:
+    def ask(*steps: dict[str, Any], **more: Any) -> httpx.Response:
+        said = {"title": "crossing", "step": {"type": "sequence", "steps": steps}} | more
+        fields = {"prefer": "dry-run, return=representation", "accept": "application/json"}
+        return cell.browser.http.post(f"{cell.browser.root}missions", json=said, headers=fields)
+
+    def kept() -> int:
+        return cell.browser.http.get(f"{cell.browser.root}missions").text.count("/run>")
+
+    before, turn = kept(), cell.turn("ur5", 60)
+    turn["body"]["target"][0]["value"] = {"variable": "angle"}
+    parameters = [
+        {"name": "angle", "type": "number", "minimum": 0.9, "maximum": 1.1},
+        {"name": "where", "type": "iri"},
+    ]
+    somewhere = {"type": "invoke", "kind": str(LF.StopRobot), "of": {"variable": "where"}}
+    answer = ask(turn, somewhere, parameters=parameters)
+    assert (answer.status_code, answer.headers["preference-applied"]) == (200, "dry-run, return=representation")
+    first, second = answer.json()["steps"]
+    (target,) = first["target"]
+    assert (first["step"], target["value"], target["joint"].rpartition("/")[2]) == (
+        "0.0", pytest.approx(1.0, abs=1e-5), TURN["ur5"],
+    )  # fmt: skip
+    assert second["reason"] == "it needs where, which who runs it gives"
+    refused = ask(cell.turn("ur5", 60), cell.turn("panda", 0), cell.turn("ur5", 0))
+    assert (refused.status_code, refused.json()["findings"][0]["step"]) == (409, "0.2")
+    assert kept() == before

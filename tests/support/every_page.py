@@ -101,6 +101,7 @@ def pages_of_each_kind(browser: Browser) -> dict[str, str]:
         "firings": rule + "/firings",
         "missions": str(root.one(LF.missions)),
         "mission": mission,
+        "mission builder": f"{root.one(LF.missions)}/builder?mission={mission.rpartition('/')[2]}",
         "runs": browser.root + "mission-runs",
         "run": f"{browser.root}mission-runs/{run.rpartition('/')[2]}",
         "faults": browser.root + "faults",

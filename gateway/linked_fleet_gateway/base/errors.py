@@ -75,6 +75,8 @@ class FleetError(Exception):
             self.headers["Retry-After"] = str(self.retry_after_s)
         self.report = report
         self.constraint: str | None = None
+        self.added: Members = {}
+        """Further extension members, beside ``members``, of whoever passes the error on and knows more about it."""
 
     def constrain(self, constraint: str) -> None:
         """Add a link to the description of the violated constraints, if there is none yet (LDP 4.2.1.6)."""

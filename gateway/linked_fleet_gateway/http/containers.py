@@ -8,30 +8,36 @@ from typing import Any
 from pyoxigraph import BlankNode, NamedNode, Triple
 from starlette.responses import Response
 
+from linked_fleet_gateway.actions.plan import Caller
 from linked_fleet_gateway.base.errors import BadRequest, Conflict, NotFound
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
 from linked_fleet_gateway.http.fields import field, parse_prefer
+from linked_fleet_gateway.http.lease_tokens import lock_token
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import check_acceptable, created_response, read_change
-from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.validation import find_root, ground_statements, reachable_statements
+from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.body_values import Body, managed_statements, validate_body
 from linked_fleet_gateway.resources.container import AddMember, ChangeMember, Container
+from linked_fleet_gateway.resources.invocation import describe_rehearsal
 from linked_fleet_gateway.resources.resource import Resource
 
 
 async def add_member(request: Request, afforded: AddMember) -> Response:
-    """Create a member. The response is 201 with Location and description; 204 if it was only checked (dry-run)."""
+    """Create a member. The response is 201 with Location and description; if it was only checked (dry-run), 204, or
+    200 with a rehearsal.
+    """
     container = afforded.container
     check_acceptable(request, (JSON, *container.formats))
     iri = request.base + container.path
     triples = await _read(request, container, iri)
     record = await _record(request, container, triples, iri)
     if _is_dry_run(request):
-        return _checked()
+        return await _checked(request, container, record)
     id = await container.records.add(record)
     found = request.tree().resolve(container.member_path(id))
     if not isinstance(found, Resource):
@@ -54,7 +60,7 @@ async def change_member(request: Request, afforded: ChangeMember) -> Response:
             await _end_actions(request, container, id)
         record = await change(present)
         if dry_run:
-            return _checked()
+            return await _checked(request, container, record)
         if await container.records.change(id, record):
             return Response(status_code=204)
 
@@ -63,8 +69,35 @@ def _is_dry_run(request: Request) -> bool:
     return parse_prefer(field(request, "prefer")).dry_run
 
 
-def _checked() -> Response:
-    return Response(status_code=204, headers={"preference-applied": "dry-run"})
+async def _checked(request: Request, container: Container[Any], record: Any) -> Response:
+    """Return the response to a dry run: 204, or 200 with a rehearsal of the record if the client wants to see it."""
+    prefer = parse_prefer(field(request, "prefer"))
+    if container.rehearse is None or prefer.return_ != "representation":
+        return Response(status_code=204, headers={"preference-applied": "dry-run"})
+    identity, seen = request.caller, request.caller.visible_robots
+    caller = Caller(request.caller_name, lock_token(request), visible_robots=seen, identity=identity)
+    took_s, describe = await container.rehearse(record, request.tree().view, caller)
+    return _rehearsal(request, container, took_s, describe)
+
+
+def _rehearsal(
+    request: Request, container: Container[Any], took_s: float, describe: Callable[[Graph, Node], None]
+) -> Response:
+    def whole(graph: Graph) -> None:
+        describe_rehearsal(graph, request.base, container.path, None, {}, {}, took_s, (), {}, describe=describe)
+
+    def plain() -> bytes:
+        from linked_fleet_gateway.resources.plain_json import node_json
+
+        graph = Graph()
+        whole(graph)
+        root = find_root(graph.triples, NamedNode(request.base + container.path))
+        return node_json(graph.triples, root, LF.RehearsalShape)
+
+    rehearsal = Resource(container.path, "Rehearsal", whole, (), documents={JSON: plain})
+    shown = request.services.representations.negotiate(request.effective_accept, rehearsal, request.base)
+    headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
+    return Response(shown.body, 200, headers | {"preference-applied": "dry-run, return=representation"})
 
 
 async def _end_actions(request: Request, container: Container[Any], id: str) -> None:

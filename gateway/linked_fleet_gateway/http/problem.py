@@ -90,7 +90,7 @@ def _json(error: FleetError, instance: str | None) -> bytes:
         "detail": error.detail,
     }
     members |= {"instance": instance} if instance else {}
-    members |= error.members
+    members |= error.members | error.added
     members |= {"report": _report(error.report)} if error.report else {}
     return json.dumps(members, ensure_ascii=False).encode()
 

@@ -10,7 +10,7 @@ from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation
 from linked_fleet_gateway.identity.rights import Identity, Right, View
-from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS
 from linked_fleet_gateway.resources.action_offer import Offer, offers_of
@@ -95,6 +95,10 @@ class Container(Generic[T]):
     (raises BadRequest, UnprocessableContent), and the document of a member."""
     check: "Callable[[T, Tree, Identity], Awaitable[None]]" = _accept
     """Checks what a client writes against the fleet as it sees it. Raises UnprocessableContent, InsufficientScope."""
+    rehearse: "Callable[[T, RequestView, Any], Awaitable[tuple[float, Callable[[Graph, Node], None]]]] | None" = None
+    """Rehearses a record that a client would write, with ``serving.Caller``, for ``Prefer: dry-run,
+    return=representation``. Returns its duration (s), and a function that adds statements about the node of the
+    rehearsal. Raises FleetError."""
     signed: Callable[[T, Identity, str], T] = lambda record, caller, client: record
     """Returns a record with who has written it, if that is kept; ``client`` is the name by which it is counted."""
     facts: "Callable[[Member[T]], object]" = lambda member: None

@@ -27,6 +27,7 @@ from linked_fleet_gateway.api import (
     NamedNode,
     NavigationEntry,
     Operation,
+    RequestView,
     Right,
     Table,
     UnprocessableContent,
@@ -34,6 +35,7 @@ from linked_fleet_gateway.api import (
 )
 from linked_fleet_gateway.base.errors import InsufficientScope
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
+from linked_fleet_gateway.extensions.missions.builder import with_builder
 from linked_fleet_gateway.extensions.missions.conditions import Conditions
 from linked_fleet_gateway.extensions.missions.describing import describe_mission, describe_run, run_json
 from linked_fleet_gateway.extensions.missions.engine import Engine
@@ -51,7 +53,7 @@ from linked_fleet_gateway.extensions.missions.terms import LF
 from linked_fleet_gateway.extensions.missions.tree_ports import MEDIA_TYPE
 from linked_fleet_gateway.extensions.missions.tree_reading import read_tree
 from linked_fleet_gateway.extensions.missions.tree_writing import write_tree
-from linked_fleet_gateway.extensions.missions.values import Value
+from linked_fleet_gateway.extensions.missions.values import Value, is_free, samples
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.faces import Identity, Offer, Tree, View
@@ -121,7 +123,7 @@ class MissionsExtension(Extension):
             async with engine, core.open_container("missions", Mission, make, section.most) as missions:
                 with core.listening_to_stops(engine.stop), core.listening_to_invocations(engine.hear):
                     yield Mount(
-                        branches=(missions.branch, _runs(Records(runs), targets).branch),
+                        branches=(with_builder(missions.branch), _runs(Records(runs), targets).branch),
                         handlers=_handlers(known),
                         formats={"behaviortree": ("Behavior tree", MEDIA_TYPE)},
                         metrics=lambda: _metrics(runs),
@@ -135,6 +137,15 @@ def _missions(
     async def check(mission: Mission, tree: Tree, caller: Identity) -> None:
         await targets.check(mission, tree.view.base, tree, caller)
         await conditions.check(mission, tree.view.base, caller)
+
+    async def rehearse(
+        mission: Mission, view: RequestView, caller: Caller
+    ) -> tuple[float, Callable[[Graph, Node], None]]:
+        targets.check_nesting("", mission)
+        rehearsing = Rehearsing(core, targets, view.base, core.live.tree(view.base, caller.visible_robots), caller)
+        free = {each.name for each in mission.parameters if is_free(each)}
+        values = {name: value for name, value in samples(mission).items() if name not in free}
+        return await rehearsing.mission(mission, values), rehearsing.describe
 
     targets.missions = table.known
     definitions = RunDefinitions()
@@ -158,6 +169,7 @@ def _missions(
         shape=LF.MissionInput, read=read_mission, describe=describe, title_of=lambda mission: mission.title,
         predicate=LF.missions, visible=visible, member_blueprint=LF.MissionShape, writing=(Right.ACT, Right.ADMIN),
         deep=frozenset({LF.step}), form=form, json=_json, check=check, actions=actions,
+        rehearse=rehearse,
         formats={MEDIA_TYPE: (_read_tree, lambda member: write_tree(member.record))},
     )  # fmt: skip
 

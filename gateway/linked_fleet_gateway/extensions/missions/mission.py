@@ -139,6 +139,13 @@ def walk(step: Step, depth: int = 0) -> Iterator[tuple[Step, int]]:
         yield from walk(each, depth + 1)
 
 
+def walk_paths(step: Step, path: str = "0") -> Iterator[tuple[str, Step]]:
+    """Yield a step and all steps below it, with their paths."""
+    yield path, step
+    for number, each in enumerate(children(step)):
+        yield from walk_paths(each, f"{path}.{number}")
+
+
 def step_at(root: Step, path: str) -> Step:
     """Return the step at a path, such as ``0.2#3.1``: the numbers of children, and of rounds after ``#``."""
     step = root

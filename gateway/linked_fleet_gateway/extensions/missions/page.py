@@ -1,12 +1,15 @@
 """The pages of missions: the list, one mission as an outline, the list of runs, and one run with its steps."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from linked_fleet_gateway.api import DCTERMS, LDP, RDF
+from linked_fleet_gateway.api import DCTERMS, LDP, RDF, RDFS
+from linked_fleet_gateway.extensions.missions.builder import SEGMENT
 from linked_fleet_gateway.extensions.missions.describing import CLASSES
 from linked_fleet_gateway.extensions.missions.terms import LF
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
@@ -19,6 +22,7 @@ _WORDS = {
     LF.NotifyStep: "Tell",
 }  # fmt: skip
 _MOST = 1000
+_MINUTE_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -43,29 +47,61 @@ class RunRow:
 
 
 @dataclass(frozen=True)
+class Decision:
+    """A button by which a person decides: the action of the run, with the step and an answer if it takes them."""
+
+    text: str
+    action: str
+    path: str = ""
+    confirmed: str = ""
+
+
+@dataclass(frozen=True)
 class StepRunRow:
-    """A step of a run, in the order in which steps have begun."""
+    """A step of a run; ``deep`` is the number of steps above it, ``took`` how long it lasted."""
 
     path: str
+    deep: int
+    round: str
     word: str
     title: str
     state: Value | None
     reason: str
     attempt: str
     began: Value | None
-    ended: Value | None
+    took: str
     invocation: Link | None
+    decisions: Sequence[Decision]
+
+
+@dataclass(frozen=True)
+class Question:
+    """What a step asks people."""
+
+    text: str
+    decisions: Sequence[Decision]
 
 
 def missions(facts: Facts, iri: NamedNode) -> Part:
     members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
-    return Part({"missions": [facts.link(each) for each in members]}, {LDP.contains}, {*members})
+    more = {"missions": [facts.link(each) for each in members], "builder": _builder(facts)}
+    return Part(more, {LDP.contains}, {*members})
+
+
+def _builder(facts: Facts) -> str:
+    return f"{facts.root}missions/{SEGMENT}"
+
+
+def builder(facts: Facts, iri: NamedNode) -> Part:
+    return Part({"missions": f"{facts.root}missions", "query": f"{facts.root}query"}, {RDFS.seeAlso})
 
 
 def mission(facts: Facts, iri: NamedNode) -> Part:
     first = facts.one(iri, LF.step)
     steps = list(_outline(facts, first, 0)) if isinstance(first, BlankNode) else []
-    return Part({"steps": steps, "actions": _actions(facts, iri)}, {LF.step, LF.holds, HYBRIT.action})
+    id = iri.value.rpartition("/")[2]
+    more = {"steps": steps, "actions": _actions(facts, iri), "edit": f"{_builder(facts)}?mission={id}"}
+    return Part(more, {LF.step, LF.holds, HYBRIT.action})
 
 
 def _outline(facts: Facts, node: BlankNode, deep: int) -> Iterator[StepRow]:
@@ -122,36 +158,92 @@ def _run(facts: Facts, iri: NamedNode) -> RunRow:
 
 
 def run(facts: Facts, iri: NamedNode) -> Part:
-    steps = [_step(facts, each) for each in facts.all(iri, LF.stepRun) if isinstance(each, BlankNode)]
+    nodes = [each for each in facts.all(iri, LF.stepRun) if isinstance(each, BlankNode)]
+    state = facts.one(iri, LF.state)
+    is_open = state not in (LF.succeeded, LF.failed, LF.cancelled, LF.ending)
+    steps = sorted((_step(facts, iri, each, is_open) for each in nodes), key=lambda row: _order(row.path))
+    asking = [each for each in nodes if is_open and _asks(facts, each)]
     notes = [each.value for each in facts.all(iri, LF.note) if isinstance(each, Literal)]
     more = {
         "run": _run(facts, iri),
         "steps": steps,
         "notes": notes,
+        "questions": [Question(facts.text(each, LF.reason), _answers(facts, iri, each)) for each in asking],
+        "decisions": _decisions(facts, iri, state),
         "actions": _actions(facts, iri),
         "timeline": timeline_link(facts, facts.text(iri, DCTERMS.created)),
     }
     return Part(more, {LF.stepRun, LF.note, LF.state, LF.reason, HYBRIT.action})
 
 
-def _step(facts: Facts, node: BlankNode) -> StepRunRow:
-    invocation = facts.one(node, LF.invocation)
+_OPENED = {LF.failed, LF.unknown, LF.cancelled}
+
+
+def _order(path: str) -> list[int]:
+    """Return the numbers of a path, by which steps are in the order of their mission."""
+    return [int(each) for each in re.findall(r"\d+", path)]
+
+
+def _asks(facts: Facts, node: BlankNode) -> bool:
+    return facts.is_a(node, LF.ConfirmStep) and facts.one(node, LF.state) == LF.waiting
+
+
+def _action_of(iri: NamedNode, segment: str) -> str:
+    return f"{iri.value}/actions/{segment}"
+
+
+def _answers(facts: Facts, iri: NamedNode, node: BlankNode) -> list[Decision]:
+    action, path = _action_of(iri, "confirm"), facts.text(node, LF.stepPath)
+    return [Decision("Yes", action, path, "true"), Decision("No", action, path, "false")]
+
+
+def _decisions(facts: Facts, iri: NamedNode, state: object) -> list[Decision]:
+    """Return what people may do with the whole run."""
+    if state == LF.running:
+        return [Decision("Pause", _action_of(iri, "pause"))]
+    return [Decision("Resume", _action_of(iri, "resume"))] if state == LF.paused else []
+
+
+def _step_decisions(facts: Facts, iri: NamedNode, node: BlankNode, path: str) -> list[Decision]:
+    state, skip = facts.one(node, LF.state), Decision("Skip", _action_of(iri, "skip"), path)
+    if _asks(facts, node):
+        return [*_answers(facts, iri, node), skip]
+    if state in _OPENED:
+        return [Decision("Retry", _action_of(iri, "retry"), path), skip]
+    return [skip] if state == LF.waiting else []
+
+
+def _took(facts: Facts, node: BlankNode) -> str:
+    begin, end = facts.text(node, PROV.startedAtTime), facts.text(node, PROV.endedAtTime)
+    if not begin or not end:
+        return ""
+    seconds = (datetime.fromisoformat(end) - datetime.fromisoformat(begin)).total_seconds()
+    return f"{max(seconds, 0.0):.1f} s" if seconds < _MINUTE_S else f"{int(seconds // 60)} min {int(seconds % 60)} s"
+
+
+def _step(facts: Facts, iri: NamedNode, node: BlankNode, is_open: bool) -> StepRunRow:
+    invocation, path = facts.one(node, LF.invocation), facts.text(node, LF.stepPath)
+    rounds = [int(each) + 1 for each in re.findall(r"#(\d+)", path)]
     return StepRunRow(
-        facts.text(node, LF.stepPath),
+        path,
+        path.count("."),
+        f"round {', '.join(map(str, rounds))}" if rounds else "",
         _word(facts, node),
         facts.text(node, DCTERMS.title),
         facts.first_value(node, LF.state),
         facts.text(node, LF.reason),
         facts.text(node, LF.attempt),
         facts.first_value(node, PROV.startedAtTime),
-        facts.first_value(node, PROV.endedAtTime),
+        _took(facts, node),
         facts.placed_link(invocation) if isinstance(invocation, NamedNode) else None,
+        _step_decisions(facts, iri, node, path) if is_open else [],
     )
 
 
 VIEWS = (
     PageView(LF.MissionList, _TEMPLATES / "missions.html", missions),
     PageView(LF.Mission, _TEMPLATES / "mission.html", mission),
+    PageView(LF.MissionBuilder, _TEMPLATES / "mission_builder.html", builder),
     PageView(LF.MissionRunList, _TEMPLATES / "mission_runs.html", runs),
     PageView(LF.MissionRun, _TEMPLATES / "mission_run.html", run),
 )

@@ -16,6 +16,7 @@ from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.vocabulary import METHODS, NUMERIC, SH, XSD
 
 RUN = "run"
+_DEFAULT = SH.extended("defaultValue").defaultValue
 
 
 def check_value(parameter: Parameter, value: Value) -> Value:
@@ -134,6 +135,8 @@ def _shape(graph: Graph, parameter: Parameter, predicate: NamedNode) -> Node:
         if number is not None:
             # A decimal: validators compare the decimals that people write with it exactly.
             graph.add(node, bound, Literal(format(Decimal(repr(number)), "f"), datatype=XSD.decimal))
+    if parameter.default is not None:
+        graph.add(node, _DEFAULT, term(parameter.default, parameter.type))
     if parameter.options:
         graph.add(node, SH.in_, graph.collection([term(each, parameter.type) for each in parameter.options]))
     return node

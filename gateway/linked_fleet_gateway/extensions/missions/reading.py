@@ -10,6 +10,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.api import DCTERMS, RDF, BadRequest, Body, Graph, UnprocessableContent
 from linked_fleet_gateway.extensions.missions.describing import CLASSES, TYPES, describe_mission
+from linked_fleet_gateway.extensions.missions.findings import Findings, finding_of_decoding
 from linked_fleet_gateway.extensions.missions.mission import (
     MOST_DEEP,
     MOST_STEPS,
@@ -19,6 +20,7 @@ from linked_fleet_gateway.extensions.missions.mission import (
     Parameter,
     Wait,
     walk,
+    walk_paths,
 )
 from linked_fleet_gateway.extensions.missions.parameters import check_iri, check_value
 from linked_fleet_gateway.extensions.missions.schema import SCHEMA
@@ -213,7 +215,10 @@ def decoded(content: bytes, kind: type[_Record], noun: str, iri: str) -> _Record
     try:
         return msgspec.json.decode(content, type=kind)
     except msgspec.ValidationError as error:
-        raise UnprocessableContent(f"The {noun} is not usable: {error}", constraint=iri) from error
+        refused = UnprocessableContent(f"The {noun} is not usable: {error}", constraint=iri)
+        if found := finding_of_decoding(str(error)):
+            refused.added["findings"] = found
+        raise refused from error
     except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
         raise BadRequest(f"The body is no JSON: {error}") from error
 
@@ -235,17 +240,22 @@ def check(mission: Mission) -> None:
     steps = list(walk(mission.step))
     if len(steps) > MOST_STEPS or any(depth > MOST_DEEP for _, depth in steps):
         raise UnprocessableContent(f"A mission has at most {MOST_STEPS} steps, {MOST_DEEP} deep.")
-    named = [each.name for each, _ in steps if each.name]
-    _refuse_repeated(named, "Two steps")
+    named, findings = [each.name for each, _ in steps if each.name], Findings()
     _refuse_repeated([each.name for each in mission.parameters], "Two parameters")
-    parameters = {each.name for each in mission.parameters}
-    for step, _ in steps:
-        if isinstance(step, Invoke):
-            _check_invoke(step, parameters, named)
-        elif isinstance(step, Wait):
-            _check_wait(step)
+    parameters, seen = {each.name for each in mission.parameters}, set[str]()
+    for path, step in walk_paths(mission.step):
+        with findings.at(path, step):
+            if step.name in seen:
+                raise UnprocessableContent(f"Two steps have the name {step.name}; names are told apart.")
+            seen |= {step.name} - {""}
+            if isinstance(step, Invoke):
+                _check_invoke(step, parameters, named)
+            elif isinstance(step, Wait):
+                _check_wait(step)
     for each in mission.parameters:
-        _check_parameter(each)
+        with findings.at_parameter(each.name):
+            _check_parameter(each)
+    findings.check()
 
 
 def _refuse_repeated(names: Collection[str], who: str) -> None:
@@ -294,7 +304,6 @@ def _check_wait(step: Wait) -> None:
 
 
 def _check_parameter(parameter: Parameter) -> None:
-
     given = [parameter.default] if parameter.default is not None else []
     for each in [*given, *parameter.options]:
         check_value(parameter, each)

@@ -9,7 +9,8 @@ from typing import NamedTuple
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.api import DCTERMS, Body, Core, FleetError, Graph, robot_of
+from linked_fleet_gateway.api import DCTERMS, UNITLESS, Body, Core, FleetError, Graph, joint_path, robot_of
+from linked_fleet_gateway.extensions.missions.findings import located
 from linked_fleet_gateway.extensions.missions.mission import (
     FirstOf,
     Invoke,
@@ -26,7 +27,7 @@ from linked_fleet_gateway.extensions.missions.progress import ROOT
 from linked_fleet_gateway.extensions.missions.targets import Targets, Values
 from linked_fleet_gateway.extensions.missions.terms import LF
 from linked_fleet_gateway.extensions.missions.values import variables_of
-from linked_fleet_gateway.faces import Offer, Tree
+from linked_fleet_gateway.faces import Offer, Tree, kind_of
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import SECOND, Node
 from linked_fleet_gateway.serving import Caller
@@ -46,6 +47,9 @@ class Rehearsed(NamedTuple):
     duration_s: float = 0.0
     free: Mapping[NamedNode, bool] = {}
     why_not: str = ""
+    robot: str = ""
+    moved: Mapping[str, float] = {}
+    """The joints of the robot that this step and those before have moved, with their positions then (rad or m)."""
 
 
 class _End(NamedTuple):
@@ -91,6 +95,19 @@ class Rehearsing:
             graph.scalar(step, LF.duration, round(each.duration_s, 3), SECOND)
             for predicate, free in each.free.items():
                 graph.add(step, predicate, Literal(True) if free else LF.unknown)
+            self._add_targets(graph, step, each)
+
+    def _add_targets(self, graph: Graph, step: Node, found: Rehearsed) -> None:
+        """Add where the joints of a robot are after a step that moves it."""
+        robot = self.core.robots.get(found.robot)
+        if robot is None or robot.model is None:
+            return
+        for name, position in found.moved.items():
+            node, joint = graph.blank(), robot.model.joints.get(name)
+            dimension = kind_of(joint).dimension if joint is not None else None
+            graph.add(step, LF.target, node)
+            graph.add(node, LF.ofJoint, NamedNode(self.base + joint_path(robot.name, name)))
+            graph.scalar(node, LF.value, round(position, 6), dimension.position if dimension else UNITLESS)
 
     # -- steps ------------------------------------------------------------------------------------------------------
 
@@ -152,16 +169,15 @@ class Rehearsing:
         try:
             return await self._invoke(step, path, values, places)
         except FleetError as error:
-            error.detail = f"Step {step.title or step.name or path}: {error.detail}"
+            located(error, path, step)
             raise
 
     async def _invoke(self, step: Invoke, path: str, values: Values, places: Places) -> _End:
         if self._is_over:
             return self._skip(step, path, self._of(step, places), "the rehearsal had taken too long or too many steps")
         if unknown := variables_of(step) - values.keys():
-            return self._skip(
-                step, path, self._of(step, places), f"it needs {min(unknown)}, which an earlier step gives"
-            )
+            why = f"it needs {min(unknown)}, which {'an earlier step' if '.' in min(unknown) else 'who runs it'} gives"
+            return self._skip(step, path, self._of(step, places), why)
         offer = self.targets.offer(step, values, self.base, self.tree, self.caller.identity)
         if isinstance(offer, RunOffer):
             inner = self._inner_values(step, offer, values)
@@ -174,8 +190,12 @@ class Rehearsing:
     async def _rehearse(self, step: Invoke, path: str, offer: Offer, values: Values, places: Places) -> _End:
         statements = self.targets.statements(step, offer, values, self.base)
         said = await self.core.rehearse(offer, self.base, self.caller, statements, self._stand_ins(places))
-        self.found.append(Rehearsed(path, step, said.duration_s, said.findings))
-        return _End(said.duration_s, self._moved(places, offer, said.after))
+        after = self._moved(places, offer, said.after)
+        name = offer.robot.name if offer.robot is not None else ""
+        self.found.append(
+            Rehearsed(path, step, said.duration_s, said.findings, robot=name, moved=after.get(name) or {})
+        )
+        return _End(said.duration_s, after)
 
     def _skip(self, step: Invoke, path: str, places: Places, why: str) -> _End:
         if len(self.found) < MOST_STEPS:

@@ -8,7 +8,8 @@ from urllib.parse import unquote
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_gateway.api import Conflict, Core, Invocation, UnprocessableContent, robot_of, thing_at, time_sliced
-from linked_fleet_gateway.extensions.missions.mission import Invoke, Mission, Variable, walk
+from linked_fleet_gateway.extensions.missions.findings import Findings
+from linked_fleet_gateway.extensions.missions.mission import Invoke, Mission, Variable, walk, walk_paths
 from linked_fleet_gateway.extensions.missions.record import Creator, Run
 from linked_fleet_gateway.extensions.missions.values import (
     Value,
@@ -16,7 +17,7 @@ from linked_fleet_gateway.extensions.missions.values import (
     json_body,
     known_values,
     rdf_body,
-    sample,
+    samples,
     values_in,
     variables_of,
 )
@@ -131,26 +132,31 @@ class Targets:
         """Check all steps for which that is possible before the mission has values. Raises UnprocessableContent,
         InsufficientScope.
         """
-        kinds = {each.name: each for each in mission.parameters}
-        values: dict[str, tuple[Value, str]] = {name: (sample(each), each.type) for name, each in kinds.items()}
-        async for step in time_sliced(invoked(mission)):
+        kinds, findings = {each.name: each for each in mission.parameters}, Findings()
+        values = samples(mission)
+        async for path, step in time_sliced(invoked_at(mission)):
             names = variables_of(step)
             unknown = {name for name in names if name not in kinds or is_free(kinds[name])}
             if isinstance(step.of, Variable) and step.of.variable in unknown:
                 continue
-            offer = self.offer(step, values, base, tree, caller)
-            if not unknown:
-                self.body(step, offer, values, base)
+            with findings.at(path, step):
+                offer = self.offer(step, values, base, tree, caller)
+                if not unknown:
+                    self.body(step, offer, values, base)
+        findings.check()
 
     async def check_run(self, mission: Mission, values: Values, base: str, tree: Tree, caller: Identity) -> None:
         """Check all steps with the values of a run, but those that need results of other steps. Raises as ``check``.
 
         Bodies without variables were checked when the mission was written.
         """
-        async for step in time_sliced(invoked(mission)):
-            offer = self.offer(step, values, base, tree, caller)
-            if (named := variables_of(step)) and named <= values.keys():
-                self.body(step, offer, values, base)
+        findings = Findings()
+        async for path, step in time_sliced(invoked_at(mission)):
+            with findings.at(path, step):
+                offer = self.offer(step, values, base, tree, caller)
+                if (named := variables_of(step)) and named <= values.keys():
+                    self.body(step, offer, values, base)
+        findings.check()
 
     def body(self, step: Invoke, offer: Offer, values: Values, base: str) -> None:
         """Check the body of a step by the shape of its action. Raises UnprocessableContent."""
@@ -227,6 +233,11 @@ def creator_of(identity: Identity, client: str, lease_token: str = "") -> Creato
 def invoked(mission: Mission) -> Iterable[Invoke]:
     """Yield the steps of a mission that invoke actions."""
     return (each for each, _ in walk(mission.step) if isinstance(each, Invoke))
+
+
+def invoked_at(mission: Mission) -> Iterable[tuple[str, Invoke]]:
+    """Yield the steps of a mission that invoke actions, with their paths."""
+    return ((path, each) for path, each in walk_paths(mission.step) if isinstance(each, Invoke))
 
 
 def _iris(mission: Mission) -> Iterable[str]:

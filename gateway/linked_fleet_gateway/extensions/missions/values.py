@@ -7,7 +7,7 @@ from typing import Any
 from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_gateway.api import UnprocessableContent
-from linked_fleet_gateway.extensions.missions.mission import Invoke, Parameter, Variable, step_at
+from linked_fleet_gateway.extensions.missions.mission import Invoke, Mission, Parameter, Variable, step_at
 from linked_fleet_gateway.extensions.missions.record import Run
 from linked_fleet_gateway.extensions.rules.template import fill, variables
 from linked_fleet_gateway.rdf.vocabulary import XSD
@@ -119,6 +119,11 @@ def sample(parameter: Parameter) -> Value:
         middle = (low + high) / 2 if low is not None and high is not None else low if low is not None else high or 0.0
         return int(middle) if parameter.type == "integer" else middle
     return False if parameter.type == "boolean" else "https://example.org/" if parameter.type == "iri" else "text"
+
+
+def samples(mission: Mission) -> dict[str, tuple[Value, str]]:
+    """Return a value for each parameter of a mission, with its kind: its default if it has one."""
+    return {each.name: (sample(each), each.type) for each in mission.parameters}
 
 
 def is_free(parameter: Parameter) -> bool:

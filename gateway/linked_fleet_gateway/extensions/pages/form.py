@@ -18,7 +18,8 @@ from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts
-from linked_fleet_gateway.faces import Right, action_definitions, describe_request_shape
+from linked_fleet_gateway.faces import Form as JsonForm
+from linked_fleet_gateway.faces import Right, action_definitions, describe_request_shape, form_in
 from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, add_closure, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, QUDT, RDF, VOM, XSD
@@ -175,14 +176,31 @@ def _fields(described: bytes, node: str) -> tuple[str, tuple[Leaf | Group, ...]]
 
     Cached, because reading takes long and shapes rarely change.
     """
-    graph = rdflib.Graph()
+    graph, triples = rdflib.Graph(), list(parse(described, format=RdfFormat.N_TRIPLES))
     found: Node = rdflib.BNode()
-    for triple in parse(described, format=RdfFormat.N_TRIPLES):
+    for triple in triples:
         terms = [_term(each) for each in (triple.subject, triple.predicate, triple.object)]
         graph.add((terms[0], terms[1], terms[2]))
         found = terms[2] if str(triple.object) == node else terms[0] if str(triple.subject) == node else found
     shape = read_shape(graph, found)
-    return _classes(shape), tuple(_field(each, shape) for each in _asked(shape))
+    known = form_in(triples, NamedNode(found) if isinstance(found, URIRef) else BlankNode(str(found)))
+    return _classes(shape), tuple(_with_members([_field(each, shape) for each in _asked(shape)], known))
+
+
+def _with_members(fields: Iterable[Leaf | Group], known: JsonForm, above: tuple[str, ...] = ()) -> list[Leaf | Group]:
+    """Return the fields with their names in the JSON form, which has no object for a group without a name."""
+    members = {tuple(step.value for step in each.path): each for each in known.fields}
+    found = list[Leaf | Group]()
+    for each in fields:
+        path = (*above, each.path)
+        own = members.get(path)
+        if isinstance(each, Leaf):
+            found.append(each if own is None else replace(each, member=own.name))
+        elif own is None or own.value.form is None:
+            found.append(replace(each, fields=_with_members(each.fields, known, path)))
+        else:
+            found.append(replace(each, member=own.name, fields=_with_members(each.fields, own.value.form)))
+    return found
 
 
 def _term(term: Term) -> Node:

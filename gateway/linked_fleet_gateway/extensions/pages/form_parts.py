@@ -26,7 +26,7 @@ class Leaf:
 
     ``when``: the types of its node to which it applies, empty for all. ``editor``: the language of a text, for
     `scripts/src/editor.js`. ``variable``: whether ``?name`` stands for a node that names a variable. ``further``: the
-    values after the first.
+    values after the first. ``member``: its name in the JSON form, in that of the next group above which has one.
     """
 
     path: str
@@ -45,6 +45,7 @@ class Leaf:
     editor: str = ""
     variable: bool = False
     further: Sequence[str] = ()
+    member: str = ""
     kind: ClassVar[str] = "leaf"
 
     @property
@@ -65,7 +66,7 @@ class Leaf:
 class Group:
     """A nested node with its classes. ``least`` and ``most``: how often it may occur.
 
-    ``filled``: it is sent even if unchanged. ``when``: as in Leaf.
+    ``filled``: it is sent even if unchanged. ``when``, ``member``: as in Leaf.
     """
 
     path: str
@@ -77,6 +78,7 @@ class Group:
     fields: Sequence["Leaf | Group"]
     filled: bool = False
     when: Sequence[str] = ()
+    member: str = ""
     kind: ClassVar[str] = "group"
 
     @property

@@ -69,7 +69,7 @@ function done(form, got) {
     const unchecked = uncheckedLinks(graph);
     answer(form, "done", "Done.", ...(unchecked.length ? [list(unchecked)] : []));
   }
-  form.dispatchEvent(new Event("saved", { bubbles: true }));
+  form.dispatchEvent(new CustomEvent("saved", { bubbles: true, detail: location }));
   refresh();
 }
 

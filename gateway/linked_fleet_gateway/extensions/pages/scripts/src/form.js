@@ -194,13 +194,13 @@ class Body {
 }
 
 /** Return the fields and nested nodes of this node, without those inside nested nodes. */
-function partsOf(container) {
+export function partsOf(container) {
   const owner = (each) => each.parentElement.closest(`${NODE}, ${FORM}`);
   return [...container.querySelectorAll(`${LEAF}, ${NODE}`)].filter((each) => owner(each) === container && !each.disabled);
 }
 
 /** Return whether somebody has filled in anything; preselected options do not count. */
-function filled(fieldset) {
+export function filled(fieldset) {
   return [...fieldset.querySelectorAll(LEAF)].some((each) => {
     if (each.type === "hidden") return false;
     if (each.type === "checkbox") return each.checked;
@@ -213,7 +213,7 @@ function initial(select) {
   return ([...select.options].find((option) => option.defaultSelected) ?? select.options[0])?.value;
 }
 
-function wrongWith(control) {
+export function wrongWith(control) {
   const { validity } = control;
   if (control.type === "hidden") return "";
   if (validity.badInput) return "This is no number.";

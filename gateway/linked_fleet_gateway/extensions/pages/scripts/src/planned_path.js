@@ -12,7 +12,11 @@ import { positionsIn } from "./targets.js";
  * @returns {HTMLElement|undefined}
  */
 export function pathControls(graph) {
-  const waypoints = waypointsIn(graph);
+  return playBar(waypointsIn(graph));
+}
+
+/** @param {Waypoint[]} waypoints in the order of time @returns {HTMLElement|undefined} */
+export function playBar(waypoints) {
   if (waypoints.length < 2 || !drawing()) return undefined;
   const end = waypoints[waypoints.length - 1].atTime;
   const bar = Object.assign(document.createElement("p"), { className: "buttons path" });

@@ -14,12 +14,12 @@ const ACCEPT = "application/n-triples, application/problem+json";
 /**
  * @param {string} method
  * @param {string} iri
- * @param {{body?: string, headers?: Record<string, string>}} options `body`: Turtle
+ * @param {{body?: string | Blob, headers?: Record<string, string>}} options `body`: Turtle, unless there is a Content-Type
  * @returns {Promise<Answer>} `status` is 0 without a response
  */
 export async function send(method, iri, { body, headers = {} } = {}) {
   const fields = { Accept: ACCEPT, ...proof(iri), ...headers };
-  if (body !== undefined) fields["Content-Type"] = "text/turtle";
+  if (body !== undefined) fields["Content-Type"] ??= "text/turtle";
   let response;
   let text;
   try {

@@ -25,7 +25,7 @@ const MARK = 0.04; // of the robot's size
 const AHEAD = "400px"; // prepares a section before it is scrolled into view
 
 /**
- * Draw a robot in this section, from `data-model` (its URDF), `data-state` (its joint state) and `data-pose` (where its
+ * Draw a robot in this section, that of the page or of `data-robot`, from `data-model` (its URDF), `data-state` (its joint state) and `data-pose` (where its
  * base is, if that floats), among the objects of `data-objects` once `data-placement` says where it stands. `data-phase` says how far it is: loading, ready or failed; `section.scene` is the drawing.
  *
  * @param {HTMLElement} section
@@ -224,12 +224,17 @@ class RobotScene {
       this.stop?.();
       this.stop = undefined;
     } else if (!this.stop && this.motion) {
-      const { resource } = document.body.dataset;
+      const resource = this.resource();
       const frames = watch(this.section.dataset.state, { protocol: "lf.frame", interval: INTERVAL_S }, (frame) => this.take(frame));
       const presence = watch(resource, { depth: "this" }, (graph) => this.presence(graph.value(resource, lf("presence"))?.value));
       const around = this.surround();
       this.stop = () => [frames, presence, ...around].forEach((end) => end());
     }
+  }
+
+  /** Return the IRI of the robot, of which other pages than its own state it. */
+  resource() {
+    return this.section.dataset.robot ?? document.body.dataset.resource;
   }
 
   /** Follow the objects around it, which are not drawn while its own placement is unknown. */
@@ -313,7 +318,7 @@ class RobotScene {
   animate(now) {
     if (!this.motion) return false;
     const moved = this.motion.step(now);
-    this.around?.carry((iri) => linkAt(this.robot, document.body.dataset.resource, iri));
+    this.around?.carry((iri) => linkAt(this.robot, this.resource(), iri));
     if (moved) this.view.moved(now);
     if (moved) this.picker.refresh();
     if ((moved || this.fresh) && this.mode !== "appearance") this.tint();

@@ -1,0 +1,60 @@
+// What steps can do: the actions of robots, of the fleet, and of other missions, as far as the reader may know them.
+
+import { parse } from "../../pages/scripts/src/ntriples.js";
+import { ACTION, RDF_TYPE, TITLE, lf, segments, words } from "../../pages/scripts/src/vocabulary.js";
+
+/** @typedef {{action: string, name: string, thing: string}} Offered */
+
+/** @returns {Promise<{iri: string, title: string}[]>} */
+export async function fetchRobots(/** @type {string} */ root) {
+  const graph = await fetchGraph(root);
+  const found = [...graph.subjects].filter(([, facts]) => facts.get(RDF_TYPE)?.some(({ value }) => value === lf("Robot")));
+  const robots = found.map(([iri]) => ({ iri, title: `${segments(iri)[0]}: ${graph.value(iri, TITLE)?.value ?? ""}`.replace(/: $/, "") }));
+  return robots.sort((one, other) => one.title.localeCompare(other.title));
+}
+
+/** @returns {Promise<Offered[]>} the actions of a robot and of its parts */
+export async function fetchActions(/** @type {string} */ query, /** @type {string} */ robot, /** @type {boolean} */ parts) {
+  const things = parts ? `FILTER(STRSTARTS(STR(?thing), "${robot}"))` : `VALUES ?thing { <${robot}> }`;
+  const asked = `SELECT DISTINCT ?thing ?action { ${things} ?thing <${ACTION}> ?action FILTER(!CONTAINS(STR(?action), "/invocations/")) }`;
+  const response = await fetch(`${query}?${new URLSearchParams({ query: asked })}`, { headers: { Accept: "application/sparql-results+json" }, cache: "no-store" });
+  if (!response.ok) throw new Error(await said(response));
+  const { results } = await response.json();
+  const found = results.bindings.map(({ thing, action }) => offered(thing.value, action.value, robot));
+  return found.sort((one, other) => one.thing.localeCompare(other.thing) || one.name.localeCompare(other.name));
+}
+
+function offered(thing, action, robot) {
+  const inside = thing.startsWith(robot) ? decodeURIComponent(thing.slice(robot.length)) : thing;
+  return { action, name: words(segments(action).at(-1)), thing: inside };
+}
+
+/** @returns {Promise<Offered[]>} the actions by which other missions run */
+export async function fetchMissions(/** @type {string} */ missions, /** @type {string} */ own) {
+  const graph = await fetchGraph(missions);
+  const found = [...graph.subjects.keys()].filter((iri) => iri !== own && graph.values(iri, RDF_TYPE).some(({ value }) => value === lf("Mission")));
+  const named = found.map((iri) => ({ action: `${iri}/actions/run`, name: graph.value(iri, TITLE)?.value ?? iri, thing: "" }));
+  return named.sort((one, other) => one.name.localeCompare(other.name));
+}
+
+async function fetchGraph(iri) {
+  const response = await fetch(iri, { headers: { Accept: "application/n-triples" }, cache: "no-cache" });
+  if (!response.ok) throw new Error(await said(response));
+  return parse(await response.text());
+}
+
+async function said(response) {
+  const text = await response.text();
+  try {
+    return JSON.parse(text).detail ?? response.statusText;
+  } catch {
+    return response.statusText;
+  }
+}
+
+/** Return the robot of an action, or the container of missions, or the fleet. */
+export function homeOf(/** @type {string} */ action, /** @type {string} */ root, /** @type {string} */ missions) {
+  if (action.startsWith(`${missions}/`)) return missions;
+  const [first, ...rest] = action.startsWith(root) ? action.slice(root.length).split("/") : [""];
+  return first === "actions" || !rest.length ? root : `${root}${first}/`;
+}

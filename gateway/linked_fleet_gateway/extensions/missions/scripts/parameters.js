@@ -1,0 +1,60 @@
+// The parameters of a mission as a table.
+
+import { button, choice, element } from "./elements.js";
+
+const TYPES = { number: "number", integer: "whole number", boolean: "yes or no", text: "text", iri: "thing" };
+const NUMERIC = ["number", "integer"];
+const HEADS = ["Name", "Type", "Least", "Greatest", "Options", "Default", "Delete"];
+
+/**
+ * @param {import("./builder.js").Builder} builder
+ * @param {Map<string, string>} errors by the name of a parameter
+ */
+export function parameterTable(builder, errors) {
+  const { parameters } = builder.mission;
+  const rows = parameters.map((each, index) => row(builder, each, index, errors.get(each.name)));
+  const head = element("tr", {}, ...HEADS.map((text) => element("th", { scope: "col" }, text)));
+  const table = element("table", { className: "log" }, element("thead", {}, head), element("tbody", {}, ...rows));
+  const scroll = element("div", { className: "scroll", tabIndex: 0, "role": "group", "aria-label": "Parameters" }, table);
+  const add = button("Add a parameter", () => builder.changed(() => parameters.push({ name: freshName(parameters), type: "number" }), "Add a parameter"));
+  return element("div", { className: "parameters" }, parameters.length ? scroll : element("p", { className: "empty" }, "None. Who runs the mission gives their values, and fields of steps may have them."), add);
+}
+
+function freshName(parameters) {
+  for (let count = 1; ; count++) if (!parameters.some(({ name }) => name === `value${count}`)) return `value${count}`;
+}
+
+function row(builder, parameter, index, error) {
+  const cell = (...inner) => element("td", {}, ...inner);
+  const named = (text) => `${text} of ${parameter.name || `parameter ${index + 1}`}`;
+  const input = (member, type, label, read, given = {}) => {
+    const made = element("input", { type, value: String(parameter[member] ?? ""), "aria-label": named(label), autocomplete: "off", ...given });
+    if (type === "number") made.step = "any";
+    made.addEventListener("change", () => builder.setParameter(parameter, member, read(made.value)));
+    return made;
+  };
+  const type = choice(Object.entries(TYPES), parameter.type, { "aria-label": named("Type") });
+  type.addEventListener("change", () => builder.setParameter(parameter, "type", type.value));
+  const numeric = NUMERIC.includes(parameter.type);
+  const numberOf = (text) => (text === "" ? undefined : Number(text));
+  const options = input("options", "text", "Options", (text) => text.split(",").map((each) => each.trim()).filter(Boolean), { placeholder: "one, another", disabled: !["text", "iri"].includes(parameter.type) });
+  options.value = (parameter.options ?? []).join(", ");
+  return element(
+    "tr",
+    {},
+    cell(input("name", "text", "Name", (text) => text.trim()), error && element("small", { className: "error" }, error)),
+    cell(type),
+    cell(input("minimum", "number", "Least", numberOf, { disabled: !numeric })),
+    cell(input("maximum", "number", "Greatest", numberOf, { disabled: !numeric })),
+    cell(options),
+    cell(initial(builder, parameter, named("Default"), input, numberOf)),
+    cell(button("Delete", () => builder.changed(() => builder.mission.parameters.splice(index, 1), `Delete ${parameter.name}`), { "aria-label": `Delete ${parameter.name}` })),
+  );
+}
+
+function initial(builder, parameter, label, input, numberOf) {
+  if (parameter.type !== "boolean") return input("default", NUMERIC.includes(parameter.type) ? "number" : "text", "Default", NUMERIC.includes(parameter.type) ? numberOf : (text) => text || undefined);
+  const made = choice([["", "–"], ["true", "yes"], ["false", "no"]], String(parameter.default ?? ""), { "aria-label": label });
+  made.addEventListener("change", () => builder.setParameter(parameter, "default", made.value === "" ? undefined : made.value === "true"));
+  return made;
+}

@@ -1,0 +1,240 @@
+// What a step says: the fields of its kind, and for an action the form that is made of its shape.
+
+import { fetchForm, fill, hasFields, markField, offerVariables, read } from "./action_input.js";
+import { button, choice, element, field } from "./elements.js";
+import { homeOf } from "./fleet_offer.js";
+import { KINDS, groupsOf, variablesOf } from "./mission_tree.js";
+import { stepButtons } from "./outline.js";
+import { nameOf } from "./summary.js";
+
+const BRANCHES = ["sequence", "parallel", "firstOf"];
+const NAME = "[A-Za-z_][A-Za-z0-9_]*";
+
+export class StepEditor {
+  /**
+   * @param {HTMLElement} place
+   * @param {import("./builder.js").Builder} builder
+   */
+  constructor(place, builder) {
+    this.place = place;
+    this.builder = builder;
+    this.shown = 0;
+  }
+
+  render(/** @type {import("./mission_tree.js").Node} */ node) {
+    this.node = node;
+    this.form = undefined;
+    const turn = ++this.shown;
+    const isRoot = node === this.builder.mission.root;
+    const title = element("h2", { id: "step-title" }, KINDS[node.type]);
+    const fields = element("div", { className: "fields" }, ...this.fields(node));
+    const own = isRoot ? [] : [this.text("Name", "name", "Steps refer to its result by it: letters, digits and _", { pattern: NAME }), this.text("Title", "title", "for people")];
+    this.input = element("div", { className: "input" });
+    const parts = [title, stepButtons(this.builder, node.id), this.input, fields];
+    if (own.length) parts.push(element("div", { className: "fields own" }, ...own));
+    this.place.replaceChildren(...parts);
+    if (node.type === "invoke") this.invoke(turn);
+    this.mark();
+  }
+
+  fields(node) {
+    if (BRANCHES.includes(node.type)) return [this.kind(), ...(node.type === "parallel" ? [this.check("One that succeeds is enough", "anySuffices")] : [])];
+    if (node.type === "repeat") return [this.number("Times", "times", { min: "1", max: "1000", step: "1" })];
+    if (node.type === "wait") return this.wait(node);
+    if (node.type === "confirm") return [this.area("Question", "text", "The run waits until somebody answers yes or no.")];
+    return node.type === "notify" ? [this.area("Message", "text", "Everybody who watches the run sees it.")] : [];
+  }
+
+  kind() {
+    const made = choice(BRANCHES.map((each) => [each, KINDS[each]]), this.node.type);
+    made.addEventListener("change", () => this.builder.changed(() => {
+      this.node.type = made.value;
+      if (made.value !== "parallel") delete this.node.said.anySuffices;
+    }, "Change of the kind"));
+    return field("Its steps run", made);
+  }
+
+  wait(node) {
+    const { said } = node;
+    const now = said.condition !== undefined ? "condition" : said.until !== undefined ? "until" : "seconds";
+    const made = choice([["seconds", "for a time"], ["until", "until an instant"], ["condition", "until a query has an answer"]], now);
+    made.addEventListener("change", () => this.builder.changed(() => {
+      for (const each of ["seconds", "until", "condition", "within"]) delete said[each];
+      said[made.value] = made.value === "seconds" ? 1 : "";
+    }, "Change of the wait"));
+    const chosen = field("Wait", made);
+    if (now === "seconds") return [chosen, this.number("Seconds", "seconds", { min: "0", step: "any" })];
+    if (now === "until") return [chosen, this.text("Instant", "until", "such as 2026-11-29T20:00:00Z")];
+    return [chosen, this.area("SPARQL SELECT", "condition", "as conditions of rules"), this.number("Fails after seconds", "within", { min: "0", step: "any" })];
+  }
+
+  // -- fields of one member -----------------------------------------------------------------------------------------
+
+  say(member, value) {
+    this.builder.edited(() => {
+      if (value === undefined) delete this.node.said[member];
+      else this.node.said[member] = value;
+    }, this.node.id);
+  }
+
+  plain(label, member, control, hint, read) {
+    control.dataset.said = member;
+    control.addEventListener("input", () => this.say(member, read(control)));
+    return field(label, control, hint);
+  }
+
+  text(label, member, hint = "", given = {}) {
+    const control = element("input", { type: "text", value: this.node.said[member] ?? "", autocomplete: "off", ...given });
+    return this.plain(label, member, control, hint, ({ value }) => value.trim() || undefined);
+  }
+
+  area(label, member, hint = "") {
+    const control = element("textarea", { value: this.node.said[member] ?? "", rows: 3 });
+    return this.plain(label, member, control, hint, ({ value }) => value);
+  }
+
+  number(label, member, given) {
+    const control = element("input", { type: "number", value: String(this.node.said[member] ?? ""), ...given });
+    return this.plain(label, member, control, "", ({ value }) => (value === "" ? undefined : Number(value)));
+  }
+
+  check(label, member) {
+    const control = element("input", { type: "checkbox", checked: Boolean(this.node.said[member]) });
+    control.addEventListener("change", () => this.builder.edited(() => (control.checked ? (this.node.said[member] = true) : delete this.node.said[member]), this.node.id));
+    return element("div", { className: "field" }, element("label", { className: "check" }, control, ` ${label}`));
+  }
+
+  // -- actions ------------------------------------------------------------------------------------------------------
+
+  invoke(turn) {
+    const { said } = this.node;
+    if (said.kind || said.triples) return this.raw("This step says more than this page has fields for.");
+    const { root, missions, robots } = this.builder;
+    const home = said.action ? homeOf(said.action, root, missions) : this.builder.lastRobot;
+    const things = [["", "–"], ...robots.map(({ iri, title }) => [iri, title]), [root, "The fleet"], [missions, "Another mission"]];
+    if (home && !things.some(([iri]) => iri === home)) things.push([home, home]);
+    const robot = choice(/** @type {any} */ (things), home ?? "");
+    const action = element("select", { disabled: true });
+    robot.addEventListener("change", () => {
+      this.say("action", undefined);
+      this.say("body", undefined);
+      this.builder.lastRobot = robot.value;
+      this.form = undefined;
+      this.formPlace.replaceChildren();
+      this.offer(action, robot.value, this.shown);
+    });
+    action.addEventListener("change", () => {
+      this.say("body", undefined);
+      this.say("action", action.value || undefined);
+      this.showForm(this.shown);
+    });
+    action.dataset.said = "action";
+    this.formPlace = element("div", { className: "action-form" });
+    this.input.append(element("div", { className: "fields" }, field("Robot", robot), field("Action", action)), this.formPlace);
+    this.offer(action, robot.value, turn);
+    if (said.action) this.showForm(turn);
+  }
+
+  async offer(select, home, turn) {
+    select.disabled = true;
+    select.replaceChildren(new Option(home ? "…" : "choose a robot first", ""));
+    if (!home) return;
+    try {
+      const offered = await this.builder.offeredBy(home);
+      if (turn !== this.shown) return;
+      select.replaceChildren(new Option("choose one", ""), ...grouped(offered));
+    } catch (error) {
+      if (turn !== this.shown) return;
+      select.replaceChildren(new Option("none could be had", ""));
+      this.formPlace.replaceChildren(wrong(`The actions could not be had: ${error.message}`), button("Try again", () => this.offer(select, home, this.shown)));
+    }
+    const { action } = this.node.said;
+    if (action && ![...select.options].some(({ value }) => value === action)) select.add(new Option(nameOf(action), action));
+    select.value = action ?? "";
+    select.disabled = false;
+  }
+
+  async showForm(turn) {
+    const { action, body } = this.node.said;
+    if (!action) return this.formPlace.replaceChildren();
+    this.formPlace.replaceChildren(element("p", { className: "hint" }, "…"));
+    let form;
+    try {
+      form = await fetchForm(action);
+    } catch (error) {
+      if (turn === this.shown && this.node.said.action === action) this.raw(`The form of this action could not be had: ${error.message}`);
+      return;
+    }
+    if (turn !== this.shown || this.node.said.action !== action) return;
+    this.builder.look(action);
+    if (!hasFields(form)) return this.formPlace.replaceChildren(element("p", { className: "hint" }, "It takes no input."));
+    this.form = form;
+    form.setAttribute("aria-label", `Input of ${nameOf(action)}`);
+    this.formPlace.replaceChildren(form);
+    fill(form, body ?? {});
+    this.offerVariables();
+    const taken = () => this.take();
+    form.addEventListener("input", taken);
+    form.addEventListener("change", taken);
+    form.addEventListener("click", ({ target }) => {
+      if (/** @type {Element} */ (target).closest("[data-add], [data-remove]")) setTimeout(() => {
+        this.offerVariables();
+        this.take();
+      });
+    });
+    if (!body) this.take();
+    this.mark();
+  }
+
+  /** Keep what the form says. */
+  take() {
+    const { said } = read(this.form);
+    this.say("body", Object.keys(said).length || this.form.querySelector("[required]") ? said : undefined);
+  }
+
+  offerVariables() {
+    if (this.form) offerVariables(this.form, variablesOf(this.builder.mission), () => this.take());
+  }
+
+  /** Edit as text what no form has fields for. */
+  raw(why) {
+    const { said } = this.node;
+    const members = Object.fromEntries(["action", "kind", "of", "body", "triples"].filter((each) => said[each] !== undefined).map((each) => [each, said[each]]));
+    const area = element("textarea", { rows: 8, spellcheck: false, value: JSON.stringify(members, null, 1) });
+    const error = wrong("");
+    error.hidden = true;
+    area.addEventListener("input", () => {
+      try {
+        const { action, kind, of, body, triples } = JSON.parse(area.value);
+        error.hidden = true;
+        for (const [name, value] of Object.entries({ action, kind, of, body, triples })) this.say(name, value);
+      } catch (problem) {
+        error.textContent = `This is no JSON: ${problem.message}`;
+        error.hidden = false;
+      }
+    });
+    (this.formPlace ?? this.input).replaceChildren(element("p", { className: "hint" }, why), field("Step in JSON", area, "its members action, kind, of, body and triples"), error);
+  }
+
+  /** Show the errors of the step at its fields, and all others above them. */
+  mark() {
+    const { findings = [] } = this.builder.marks.get(this.node.id) ?? {};
+    this.place.querySelector(":scope > .wrong")?.remove();
+    if (this.form) read(this.form, this.builder.checked);
+    const left = findings.filter((each) => !(this.form && markField(this.form, each)));
+    for (const control of this.place.querySelectorAll("[data-said]")) control.removeAttribute("aria-invalid");
+    for (const { member } of left) this.place.querySelector(`[data-said="${CSS.escape(member ?? "-")}"]`)?.setAttribute("aria-invalid", "true");
+    if (left.length) this.place.querySelector("h2").after(element("div", { className: "wrong" }, ...left.map(({ message }) => wrong(message))));
+  }
+}
+
+function grouped(offered) {
+  return [...groupsOf(offered, ({ thing }) => thing)].flatMap(([thing, all]) => {
+    const options = all.map(({ action, name }) => new Option(thing ? `${name} ${thing}` : name, action));
+    return thing ? [element("optgroup", { label: thing }, ...options)] : options;
+  });
+}
+
+function wrong(text) {
+  return element("p", { className: "error", role: "alert" }, text);
+}

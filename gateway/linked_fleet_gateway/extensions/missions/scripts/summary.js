@@ -1,0 +1,54 @@
+// A step in a few words.
+
+import { localName, segments, words } from "../../pages/scripts/src/vocabulary.js";
+
+const MOST = 80;
+const UNITS = { RAD: "rad", Radian: "rad", DEG: "°", Degree: "°", M: "m", MilliM: "mm" };
+
+/** @returns {string} */
+export function summary(/** @type {import("./mission_tree.js").Node} */ { type, said }) {
+  const own = said.title || said.name;
+  const about = { invoke: invocation, repeat, wait, confirm: textOf, notify: textOf, parallel: several }[type]?.(said) ?? "";
+  return [own, about].filter(Boolean).join(": ").slice(0, 160);
+}
+
+function invocation({ action = "", kind = "", of, body }) {
+  if (!action && !kind) return "no action chosen";
+  const told = Object.entries(body ?? {}).filter(([, value]) => typeof value !== "object" || value?.variable).slice(0, 3).map(([name, value]) => valueIn(name, value));
+  const at = typeof of === "object" ? of.variable : localName(of ?? "");
+  return [action ? nameOf(action) : `${words(localName(kind))} of ${at}`, told.join(" ")].filter(Boolean).join(", ");
+}
+
+/** `…/ur5/elbow_joint/actions/rotate` is "rotate elbow_joint of ur5". */
+export function nameOf(/** @type {string} */ action) {
+  const found = segments(action);
+  const at = found.indexOf("actions");
+  const [robot, ...part] = found.slice(0, Math.max(at, 0));
+  const name = words(found.at(-1) ?? "");
+  if (robot === "missions") return "run another mission";
+  return part.length ? `${name} ${part.join(" ")} of ${robot}` : robot ? `${name}, ${robot}` : name;
+}
+
+function valueIn(name, value) {
+  if (typeof value === "object") return `${name} = ${value.variable}`;
+  const text = String(value);
+  if (name === "unit") return UNITS[localName(text)] ?? localName(text);
+  return `${name} ${/^https?:/.test(text) ? localName(text) : text}`;
+}
+
+function repeat({ times }) {
+  return `${times} times`;
+}
+
+function several({ anySuffices }) {
+  return anySuffices ? "one is enough" : "";
+}
+
+function wait({ seconds, until, condition }) {
+  if (until) return `until ${until}`;
+  return condition ? `until ${condition.replace(/\s+/g, " ").slice(0, MOST)}` : `${seconds ?? ""} s`;
+}
+
+function textOf({ text = "" }) {
+  return text.slice(0, MOST);
+}

@@ -1,0 +1,149 @@
+"""A mission is built, checked, rehearsed, saved and run on pages, on a desktop and on a phone."""
+
+import re
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from accessibility import violations_in_both_schemes
+from browser import Browser as Client
+from page_user import PageUser
+from running import eventually
+
+pytestmark = [pytest.mark.processes, pytest.mark.test_all]
+
+
+def add(operator: PageUser, kind: str) -> None:
+    operator.press(operator.page.get_by_role("button", name=kind, exact=True))
+
+
+def fill(page: Page, label: str, text: str) -> None:
+    page.get_by_label(label, exact=True).fill(text)
+    page.get_by_label(label, exact=True).press("Tab")
+
+
+def outline(page: Page) -> list[str]:
+    """Return the kinds of the steps in their order, each after as many dots as it is deep."""
+    found: list[str] = page.locator(".outline li").evaluate_all(
+        "all => all.map((each) => '.'.repeat(function up(item) {"
+        " const above = item.parentElement.closest('.outline li'); return above ? 1 + up(above) : 0; }(each))"
+        " + each.querySelector('.kind').textContent)"
+    )
+    return found
+
+
+def shows(page: Page, *steps: str) -> None:
+    eventually(lambda: outline(page) == ["One after the other", *steps], lambda: str(outline(page)))
+
+
+def test_a_mission_is_built_and_run(operator: PageUser, client: Client) -> None:
+    page, answer = operator.page, operator.page.locator("#builder .builder-head .answer")
+    page.goto(client.root + "missions")
+    operator.press(page.get_by_role("link", name="New mission"))
+    fill(page, "Title of the mission", "Nod")
+    operator.press(page.get_by_role("button", name="Add a parameter"))
+    fill(page, "Name of value1", "angle")
+    for label, text in (("Least", "5"), ("Greatest", "500"), ("Default", "10")):
+        page.get_by_label(f"{label} of").fill(text)
+    page.get_by_label("Default of").press("Tab")
+
+    add(operator, "Do an action")
+    page.get_by_label("Robot", exact=True).select_option(f"{client.root}ur5/")
+    page.get_by_label("Action", exact=True).select_option(label="rotate wrist_3_joint")
+    expect(page.locator(".action-form form.invoke .range").first).to_contain_text("°")
+    page.get_by_label("Where value comes from").first.select_option("angle")
+    add(operator, "Ask a person")
+    fill(page, "Question", "Is the way free?")
+    add(operator, "Wait")
+    fill(page, "Seconds", "-1")
+    add(operator, "Tell people")
+    fill(page, "Message", "It has nodded.")
+
+    operator.press(page.get_by_role("button", name="Check"))
+    expect(answer).to_have_attribute("data-state", "error")
+    expect(page.locator(".step-row[data-wrong]")).to_contain_text("a number >= 0")
+    expect(page.get_by_label("Seconds", exact=True)).to_have_attribute("aria-invalid", "true")
+    fill(page, "Seconds", "0.1")
+    operator.press(page.get_by_role("button", name="Check"))
+    expect(page.locator(".step-row[data-wrong]")).to_have_count(0)
+    expect(answer).to_have_text("No errors were found.")
+    operator.press(page.get_by_role("button", name="Rehearse"))
+    expect(answer).to_contain_text("1 of 1 actions are rehearsed")
+    expect(page.locator(".step-row .note")).to_contain_text(" s")
+    assert violations_in_both_schemes(page) == []
+    operator.press(page.get_by_role("button", name="Save", exact=True))
+    expect(answer).to_have_text("Saved.")
+    assert operator.fits()
+
+    operator.press(page.locator("#builder details.action form.invoke button", has_text=re.compile("^run$")))
+    page.wait_for_url("**/mission-runs/*")
+    operator.press(page.locator("#run-state").get_by_role("button", name="Yes: Is the way free?"))
+    expect(page.locator("#run-state .state")).to_have_attribute("data-state", "succeeded")
+    expect(page.locator("#run-state")).to_contain_text("It has nodded.")
+    expect(page.locator(".run-steps li")).to_have_count(4)
+    expect(page.locator(".run-steps .times").first).to_contain_text(re.compile(r"\d s"))
+    operator.forgive("422")
+
+
+def test_steps_are_moved_copied_and_deleted_and_the_mission_is_edited(operator: PageUser, client: Client) -> None:
+    page = operator.page
+    steps = [{"type": "notify", "text": "a"}, {"type": "repeat", "times": 2, "step": {"type": "confirm", "text": "b"}}]
+    said = {"title": "moves", "step": {"type": "sequence", "steps": steps}}
+    mission = client.http.post(client.root + "missions", json=said).headers["location"]
+    page.goto(mission)
+    operator.press(page.get_by_role("link", name="Edit"))
+    expect(page.locator("#builder button.step")).to_have_count(4)
+    shows(page, ".Tell people", ".Repeat", "..Ask a person")
+    tell = page.locator("button.step", has_text="Tell people")
+    tell.focus()
+    page.keyboard.press("Alt+ArrowDown")
+    shows(page, ".Repeat", "..Ask a person", ".Tell people")
+    expect(tell).to_be_focused()
+    page.keyboard.press("Alt+ArrowRight")
+    shows(page, ".Repeat", "..One after the other", "...Ask a person", "...Tell people")
+    operator.press(page.get_by_role("button", name="Move the step out"))
+    shows(page, ".Repeat", "..One after the other", "...Ask a person", ".Tell people")
+    operator.press(page.get_by_role("button", name="Duplicate"))
+    page.keyboard.press("Delete")
+    shows(page, ".Repeat", "..One after the other", "...Ask a person", ".Tell people")
+    operator.press(page.get_by_role("button", name="Undo"))
+    shows(page, ".Repeat", "..One after the other", "...Ask a person", ".Tell people", ".Tell people")
+    drag(operator, page)
+    shows(page, ".Tell people", ".Repeat", "..One after the other", "...Ask a person", ".Tell people")
+
+    changed = {**said, "title": "changed elsewhere"}
+    assert client.http.put(mission, json=changed).status_code == 204
+    operator.press(page.get_by_role("button", name="Save", exact=True))
+    operator.press(page.get_by_role("button", name="Load it as it is now"))
+    expect(page.get_by_label("Title of the mission")).to_have_value("changed elsewhere")
+    fill(page, "Title of the mission", "mine")
+    operator.press(page.get_by_role("button", name="Save", exact=True))
+    expect(page.locator("#builder .builder-head .answer")).to_have_text("Saved.")
+    kept = client.http.get(mission, headers={"accept": "application/json"}).json()
+    assert (kept["title"], kept["step"]) == ("mine", said["step"])
+    operator.forgive("412")
+
+
+def drag(operator: PageUser, page: Page) -> None:
+    """Drag the last step before the first one."""
+    page.locator(".outline").evaluate("each => each.scrollIntoView({ block: 'center' })")
+    grip = page.locator(".outline .grip").last.bounding_box()
+    first = page.locator(".outline .step-row").nth(1).bounding_box()
+    assert grip is not None and first is not None
+    x, y = grip["x"] + grip["width"] / 2, grip["y"] + grip["height"] / 2
+    to_x, to_y = first["x"] + 40, first["y"] + 3
+    if not operator.touch:
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.mouse.move(to_x, to_y, steps=4)
+        page.mouse.up()
+        return
+    session = page.context.new_cdp_session(page)
+    for kind, at in (
+        ("touchStart", [(x, y)]),
+        ("touchMove", [(x, y - 9)]),
+        ("touchMove", [(to_x, to_y)]),
+        ("touchEnd", []),
+    ):
+        points = [{"x": left, "y": top} for left, top in at]
+        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
