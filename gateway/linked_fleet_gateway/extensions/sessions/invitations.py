@@ -38,12 +38,10 @@ from linked_fleet_gateway.api import (
     body_type,
     timestamp,
 )
-from linked_fleet_gateway.faces import Identity, TokenHash, validate_body
-from linked_fleet_gateway.identity.rights import Grant
+from linked_fleet_gateway.faces import Identity, TokenHash, form_of, validate_body
+from linked_fleet_gateway.rdf.serialise import JSON, TEXT_TYPES
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.resources.affordance import FORM_TYPES
-from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.serving import BadToken, check_acceptable, convert_body, created_response, parse_form
 
 LF = CORE.extended("Invitations Invitation InvitationInput invitationLink invitedBy")
@@ -58,6 +56,7 @@ _MOST_NS = MOST_DAYS * 86_400 * 1_000_000_000
 _TOKEN_BYTES = 32
 _TOKEN = re.compile(r"lfi_[A-Za-z0-9_-]{43}", re.ASCII)
 _RIGHTS = (Right.ADMIN,)
+_BODY_TYPES = (*TEXT_TYPES, JSON)
 
 
 class Invitation(Struct, frozen=True):
@@ -72,8 +71,7 @@ class Invitation(Struct, frozen=True):
     @property
     def guest(self) -> Identity:
         """The identity of those who open the link: they read, and have no other right."""
-        grants = (Grant(frozenset({Right.READ})),)
-        return Identity(f"guest of {self.by}", grants, self.until_ns, TokenHash(self.sha256))
+        return Identity.reader(f"guest of {self.by}", self.until_ns, TokenHash(self.sha256))
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ class Invite:
     """Make an invitation."""
 
     methods: ClassVar[tuple[str, ...]] = ("POST",)
-    body_types: ClassVar[tuple[str, ...]] = FORM_TYPES
+    body_types: ClassVar[tuple[str, ...]] = _BODY_TYPES
     needs: ClassVar[tuple[Right, ...]] = _RIGHTS
     reading: ClassVar[tuple[Right, ...]] = _RIGHTS
     reads: ClassVar[bool] = False
@@ -157,7 +155,7 @@ def invite(container: Container[Invitation]) -> Callable[[Request, Invite], Awai
 
     async def handle(request: Request, afforded: Invite) -> Response:
         check_acceptable(request)
-        media_type, iri = body_type(request, FORM_TYPES), request.base + PATH
+        media_type, iri = body_type(request, _BODY_TYPES), request.base + PATH
         form = partial(form_of, LF.InvitationInput)
 
         def read(content: bytes) -> Body:

@@ -9,7 +9,7 @@ export function start() {
   const { kind } = document.body.dataset;
   const news = document.getElementById("audit-news");
   if (kind !== "audit" || !news) return;
-  // Other sites' scripts cannot be here, and what is empty need not be in the address.
+  // What is empty need not be in the address.
   document.querySelector("form.audit-filter")?.addEventListener("formdata", (event) => {
     const { formData } = /** @type {FormDataEvent} */ (event);
     for (const [name, value] of [...formData]) if (!value) formData.delete(name);
