@@ -3,13 +3,20 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode
 
-from linked_fleet_gateway.api import DCTERMS, LDP
+from linked_fleet_gateway.api import DCTERMS, LDP, Right
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
 from linked_fleet_gateway.extensions.queue.terms import LF
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, PROV
+
+if TYPE_CHECKING:
+    from linked_fleet_gateway.extensions.pages import form
+else:
+    form = LazyModule("linked_fleet_gateway.extensions.pages.form")
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _LATEST = 50
@@ -38,7 +45,8 @@ def queue(facts: Facts, iri: NamedNode) -> Part:
     running = _rows(facts, members, LF.starting, LF.running)
     over = _rows(facts, members, LF.succeeded, LF.failed, LF.cancelled, LF.missed)
     latest = sorted(over, key=lambda row: str(row.when), reverse=True)[:_LATEST]
-    return Part({"waiting": waiting, "running": running, "over": latest}, {LDP.contains}, {*members})
+    made = form.form_of_shape(LF.OrderInput, iri.value, "POST", "Put into the queue", facts, iri, Right.ACT)
+    return Part({"waiting": waiting, "running": running, "over": latest, "form": made}, {LDP.contains}, {*members})
 
 
 def _rows(facts: Facts, members: Sequence[NamedNode], *states: NamedNode) -> list[Row]:

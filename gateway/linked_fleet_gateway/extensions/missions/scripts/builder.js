@@ -1,6 +1,5 @@
 // The builder of missions: an outline of steps, the fields of one of them, parameters, and what the gateway says of all.
 
-import { renew } from "../../pages/scripts/src/include.js";
 import { send } from "../../pages/scripts/src/request.js";
 import { button, element, field } from "../../pages/scripts/src/elements.js";
 import { fetchActions, fetchRobots } from "../../pages/scripts/src/fleet_offer.js";
@@ -143,10 +142,9 @@ export class Builder {
     if (this.dirty) {
       this.runPlace.replaceChildren(element("p", {}, "There are unsaved changes. Save them to run the mission. "), element("p", {}, page));
     } else if (!this.runPlace.querySelector("details")) {
-      const details = element("details", { className: "action", open: true }, element("summary", {}, "Run the mission"));
+      const details = element("details", { className: "action" }, element("summary", {}, "Run the mission"));
       details.dataset.include = `${this.iri}/actions/run`;
       this.runPlace.replaceChildren(details, element("p", {}, page));
-      renew(details);
     }
   }
 

@@ -50,7 +50,8 @@ def test_all_steps_and_parameters_that_are_wrong_are_named() -> None:
     ]
     parameter = {"name": "angle", "type": "number", "minimum": 1, "default": 0}
     refused = refusal({"title": "a", "parameters": [parameter], "step": {"type": "sequence", "steps": steps}})
-    assert [each.get("step") or each.get("parameter") for each in findings_of(refused)] == ["0.0", "0.1", "0.2", "angle"]
+    places = [each.get("step") or each.get("parameter") for each in findings_of(refused)]
+    assert places == ["0.0", "0.1", "0.2", "angle"]
     assert refused.detail.startswith("Step 0.0: ")
 
 

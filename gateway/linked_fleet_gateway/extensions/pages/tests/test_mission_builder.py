@@ -75,6 +75,7 @@ def test_a_mission_is_built_and_run(operator: PageUser, client: Client) -> None:
     expect(answer).to_have_text("Saved.")
     assert operator.fits()
 
+    operator.press(page.get_by_text("Run the mission"))
     operator.press(page.locator("#builder details.action form.invoke button", has_text=re.compile("^run$")))
     page.wait_for_url("**/mission-runs/*")
     operator.press(page.locator("#run-state").get_by_role("button", name="Yes: Is the way free?"))
@@ -121,6 +122,9 @@ def test_steps_are_moved_copied_and_deleted_and_the_mission_is_edited(operator: 
     expect(page.locator("#builder .builder-head .answer")).to_have_text("Saved.")
     kept = client.http.get(mission, headers={"accept": "application/json"}).json()
     assert (kept["title"], kept["step"]) == ("mine", said["step"])
+    page.goto(mission)
+    operator.press(page.get_by_role("link", name="Put into the queue"))
+    expect(page.locator("#new-order").get_by_label("mission")).to_have_value(mission)
     operator.forgive("412")
 
 

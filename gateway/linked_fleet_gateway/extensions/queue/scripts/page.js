@@ -13,6 +13,7 @@ let dragged = null;
 let followed = null;
 
 export function start() {
+  prefill();
   document.addEventListener("click", ({ target }) => {
     const button = target.closest?.(`${ROW} button[data-beside]`);
     if (button) step(button);
@@ -51,6 +52,16 @@ export function start() {
     for (const each of part.querySelectorAll(ROW)) each.setAttribute("draggable", "true");
     follow(part);
   });
+}
+
+/** Fill in the mission that the address names, for links from elsewhere. */
+function prefill() {
+  const mission = new URLSearchParams(location.search).get("mission") ?? "";
+  const field = /** @type {HTMLInputElement | null} */ (document.querySelector(`#new-order input[data-path="${lf("mission")}"]`));
+  if (!field || !mission.startsWith(`${document.body.dataset.root}missions/`)) return;
+  field.value = mission;
+  field.closest("details").open = true;
+  field.scrollIntoView({ block: "center" });
 }
 
 /** Return the row over which another one of the same priority is dragged. */
