@@ -121,7 +121,7 @@ LF = Namespace(
     " preempts preemptedBy limitedBecause plannedBecause pathDeviation positionResidual orientationResidual answer"
     " ofRobot currentTask closest clearance uncertainty nearTo share plan leastManipulability"
     " leastManipulabilityTime"
-    " lastMoved moving modelName batteryCharge InvocationList"
+    " lastMoved moving linkQuality modelName batteryCharge InvocationList"
     # predicates: control and settings
     " lease holder priority expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages

@@ -11,10 +11,11 @@ from pyoxigraph import NamedNode, Triple
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import action_views, texts
 from linked_fleet_gateway.extensions.pages import thing_views as things
-from linked_fleet_gateway.extensions.pages.root_views import fleet, vocabulary
+from linked_fleet_gateway.extensions.pages.fleet_views import fleet
 from linked_fleet_gateway.extensions.pages.thing_views import DescribedSubject, describe_subject
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, files_of, places
+from linked_fleet_gateway.extensions.pages.vocabulary_view import vocabulary
 from linked_fleet_gateway.faces import PageContext, Resource, lease_path, offers_at
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
@@ -122,7 +123,7 @@ def view_of(
     context: PageContext,
 ) -> View:
     """Return the view of a resource; ``base`` is scheme and authority, without a slash at its end."""
-    iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/")
+    iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/", context.query)
     kind, part, files = _kind(facts, iri)
     subscriptions = facts.one(iri, HYBRIT.subscriptions) if context.links_subscriptions else None
     robot = resource.source.robot
