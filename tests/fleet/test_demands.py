@@ -114,6 +114,7 @@ class Place:
             "maximumSpeedScale": "<> lf:value [ vom:numericalValue 0.5 ] .",
             "placement": f"<> {_AT} .",
             "availability": '<> lf:inService false ; lf:reason "worn" .',
+            "tags": '<> lf:tag "arms" , "hall 3" .',
             "mode": '<> lf:value "automatic" .',
             "speedScale": "<> lf:value [ vom:numericalValue 0.5 ] .",
             "output": "<> lf:value true .",

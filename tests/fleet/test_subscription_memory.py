@@ -164,7 +164,9 @@ def test_r1_8_thousands_of_subscriptions_leave_nothing_behind(tmp_path_factory: 
 
         def nothing_left() -> bool:
             left.clear()
-            left.update(_lasting_keys(place.state) - lasting - {Keys().runs, Keys().news, "fleet:audit"})
+            left.update(
+                _lasting_keys(place.state) - lasting - {Keys().runs, Keys().news, "fleet:audit", "fleet:audit:pages"}
+            )
             return not left
 
         eventually(nothing_left, lambda: f"nothing left in Redis of {left}")

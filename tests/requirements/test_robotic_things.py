@@ -36,7 +36,7 @@ def _writes(tree: Walk, page: Visited) -> set[str]:
         settable = _takes_body(page) or (page.iri, RDF.type, LF.Annotations) in page.graph
         if any((page.iri, RDF.type, each) in page.graph for each in (LF.TargetPosition, LF.ComponentProperty)):
             return {"PUT"} if settable else set()  # a request to the robot, and no setting of the gateway
-        removable = any((page.iri, RDF.type, each) in page.graph for each in (LF.Annotations, LF.Placement))
+        removable = any((page.iri, RDF.type, each) in page.graph for each in (LF.Annotations, LF.Placement, LF.Tags))
         return {"PUT", "PATCH", *(["DELETE"] if removable else [])} if settable else set()
     if page.kind in ("invocation", "subscription", "robot"):  # of a robot once it is offline
         return {"DELETE"}

@@ -225,7 +225,7 @@ def test_writable_properties_state_accept_put(pair: tuple[Gateway, Gateway]) -> 
     one, _ = pair
     robot, joint = one.browser.robot("ur5"), one.browser.part("ur5", WRIST)
     urls = {str(url) for page in (robot, joint) for url in page.graph.objects(page.iri, HYBRIT.property)}
-    settings = (LF.annotations, LF.maximumSpeedScale, LF.placement, LF.availability)
+    settings = (LF.annotations, LF.maximumSpeedScale, LF.placement, LF.availability, LF.tags)
     settable = {str(robot.one(each)) for each in settings}
     settable.add(str(robot.property(LF.TextProperty)))
     settable.add(str(joint.one(LF.targetRotation)))
@@ -237,7 +237,7 @@ def test_writable_properties_state_accept_put(pair: tuple[Gateway, Gateway]) -> 
         if types and url != str(robot.one(LF.annotations)):  # whose members have no known meaning
             types += ", application/json"
         allow += ", PATCH" if types and url != str(joint.one(LF.targetRotation)) else ""
-        allow += ", DELETE" if url in {str(robot.one(each)) for each in (LF.annotations, LF.placement)} else ""
+        allow += ", DELETE" if url in {str(robot.one(each)) for each in (LF.annotations, LF.placement, LF.tags)} else ""
         assert [(each["allow"], each.get("accept-put")) for each in fields] == 2 * [(allow, types)], url
         if url not in settable:
             answer = one.browser.http.put(url, content=_scalar(1), headers=TURTLE)

@@ -88,6 +88,8 @@ def pages_of_each_kind(browser: Browser) -> dict[str, str]:
         "history": history,
         "history of a property": rotation + "/history",
         "audit": browser.root + "audit",
+        "people": browser.root + "people",
+        "requests for control": browser.root + "control-requests",
         "timeline": str(root.one(LF.timeline)),
         "world": world.url,
         "objects": str(world.one(LF.objects)),

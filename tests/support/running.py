@@ -1,7 +1,6 @@
 """Real processes for tests: free ports, and conditions to wait for instead of sleeps."""
 
 import contextlib
-import functools
 import itertools
 import os
 import signal
@@ -64,7 +63,6 @@ def eventually(probe: Callable[[], T | None], what: str | Callable[[], str]) -> 
             time.sleep(min(max(0.01, (now - started) / 8), 1.0))
 
 
-@functools.cache
 class Process:
     """A child process whose output is kept for the test report: a Python program, or one by its path."""
 

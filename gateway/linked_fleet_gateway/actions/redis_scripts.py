@@ -269,6 +269,23 @@ return {'taken', unpack(held)}
 """
 )
 
+# KEYS: lease; ARGV: token, id and token of a new lease, holder, milliseconds, 1 if the new holder may have the priority
+# of a person. Returns the lease, which has another holder from now on, or nothing if nobody has it.
+HAND_OVER = (
+    _LEASE
+    + """
+local refusal = refused(KEYS[1], ARGV[1], '')
+if refusal then return refusal end
+if not lease(KEYS[1]) then return {'free'} end
+redis.call('HSET', KEYS[1], 'id', ARGV[2], 'token', ARGV[3], 'holder', ARGV[4], 'taken_ms', now)
+redis.call('HSET', KEYS[1], 'duration_ms', ARGV[5], 'expires_ms', now + ARGV[5], 'seen_ms', now)
+if ARGV[6] ~= '1' then redis.call('HDEL', KEYS[1], 'priority') end
+redis.call('PEXPIREAT', KEYS[1], now + ARGV[5] + 86400000)
+local _, held = lease(KEYS[1])
+return {'taken', unpack(held)}
+"""
+)
+
 # KEYS: lease; ARGV: token. Returns the released lease, or nothing.
 RELEASE = (
     _LEASE

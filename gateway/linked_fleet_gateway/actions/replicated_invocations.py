@@ -223,6 +223,21 @@ class ReplicatedInvocations:
         self.update_lease(robot.name, lease, read_at_s)
         return lease, proof
 
+    async def hand_over_lease(
+        self, robot: Robot, token: str, new_token: str, holder: str, duration_s: float, *, may_be_person: bool
+    ) -> bool:
+        """Give control of a robot to another holder. Return False if nobody has it.
+
+        Raises Controlled, RedisUnavailable.
+        """
+        read_at_s = time.monotonic()
+        with translate_store_errors():
+            lease = await self._store.hand_over_lease(
+                robot.name, token, new_token, holder, duration_s, may_be_person=may_be_person
+            )
+        self.update_lease(robot.name, lease, read_at_s)
+        return lease is not None
+
     async def has_lease(self, robot: Robot, token: str) -> bool:
         """Return True if the lease of a robot is held by this token. Raises RedisUnavailable."""
         with translate_store_errors():

@@ -217,6 +217,20 @@ class ActionStore:
         self._tell("lease", robot, lease.id)
         return lease, new_token if lease.id == id else token
 
+    async def hand_over_lease(
+        self, robot: str, token: str, new_token: str, holder: str, duration_s: float, *, may_be_person: bool
+    ) -> Lease | None:
+        """Give the lease of a robot to another holder, in one step; return None if nobody has it. Raises LeaseHeld."""
+        id, secrets = str(uuid.uuid4()), (_secret(token), _secret(new_token))
+        arguments = (secrets[0], id, secrets[1], holder, _ms(duration_s), int(may_be_person))
+        answer = await self._redis.run_script(scripts.HAND_OVER, (self._keys.lease(robot),), *arguments)
+        said, *fields = _granted(robot, answer)
+        if said == b"free":
+            return None
+        lease = _lease(robot, fields)
+        self._tell("lease", robot, lease.id)
+        return lease
+
     async def release_lease(self, robot: str, token: str) -> bool:
         """Release a lease; return False if there is none. Raises LeaseHeld if the token is wrong."""
         answer = await self._redis.run_script(scripts.RELEASE, (self._keys.lease(robot),), _secret(token))

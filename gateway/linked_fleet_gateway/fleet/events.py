@@ -220,11 +220,13 @@ Received = tuple[bytes, int, int, int]
 class Latest:
     """The latest frame of one run with one shape. One thread replaces ``frame``, another reads it."""
 
-    __slots__ = ("begin", "frame", "robot", "scheduled", "size", "unreported")
+    __slots__ = ("begin", "count", "frame", "robot", "scheduled", "size", "unreported")
 
-    def __init__(self, robot: str, frame: Received) -> None:
+    def __init__(self, robot: str, frame: Received, count: int = 1) -> None:
         self.robot = robot
         self.frame = frame
+        self.count = count
+        """How many frames of the run have arrived."""
         self.begin, self.size = frame[0][:_BEGIN], len(frame[0])
         """Begin and length that all frames of the run have."""
         self.unreported = False
@@ -276,6 +278,7 @@ class Frames:
         if sequence <= latest.frame[2] or monotonic_ns < 0 or wall_ns < 0:
             return False
         latest.frame = (payload, now_ns, sequence, wall_ns)
+        latest.count += 1
         latest.unreported = True
         self.taken += 1
         if not latest.scheduled and (self.has_listeners or latest.robot in self.watched):

@@ -37,6 +37,7 @@ from linked_fleet_gateway.fleet.limit_watch import LimitWatch
 from linked_fleet_gateway.fleet.movement import MovementWatch
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.fleet.presence import MAX_RUNS
+from linked_fleet_gateway.fleet.reception import ReceptionWatch
 from linked_fleet_gateway.fleet.robot import Robot
 
 __all__ = [
@@ -82,6 +83,7 @@ class _Entry:
     appeared_ns: int = 0
     limits: LimitWatch = field(default_factory=LimitWatch)
     movement: MovementWatch = field(default_factory=MovementWatch)
+    reception: ReceptionWatch = field(default_factory=ReceptionWatch)
 
 
 class _ByName(Mapping[str, Robot]):
@@ -236,6 +238,11 @@ class Fleet:
         """Compare the latest frame of a robot with former ones."""
         entry = self._entries.get(robot)
         return Change(robot, "configured") if entry is not None and entry.movement.check(entry.robot, now_ns) else None
+
+    def check_reception(self, robot: str, now_ns: int) -> Change | None:
+        """Judge how well the frames of a robot arrive."""
+        entry = self._entries.get(robot)
+        return Change(robot, "configured") if entry is not None and entry.reception.check(entry.robot, now_ns) else None
 
     def _appeared(self, event: Appeared, now_ns: int) -> list[Change]:
         entry, changes = self._entries.get(event.robot), list[Change]()

@@ -20,6 +20,8 @@ from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 
 Row = Literal["positions", "velocities", "efforts"]
 """The measured values of joints (SI units)."""
+LinkQuality = Literal["linkGood", "linkWeak", "linkLost"]
+"""How well frames arrive: the local name of a term of the vocabulary (``fleet/reception.py``)."""
 Annotations = tuple[str, str]
 """Turtle with the IRI of the robot as base: the annotations of its agent, and those of clients."""
 
@@ -80,6 +82,8 @@ class Robot:
         """True while its measured positions change, whoever causes it."""
         self.moved_ns: int | None = None
         """Gateway wall time of the last movement in its frames."""
+        self.link_quality: LinkQuality | None = None
+        """None if unknown."""
         self.limit_fault: str | None = None
         """A sentence if positions have been outside the limits of the URDF for a while."""
         self.agent_fault = ""
@@ -170,6 +174,15 @@ class Robot:
     def received_ns(self) -> int | None:
         """Gateway wall time at which the present frame came; None if there is none."""
         return None if self._frame is None or self._present.payload is None else self._frame[1]
+
+    @property
+    def arrived(self) -> tuple[int, int, int] | None:
+        """How many frames have arrived, number and gateway wall time of the last one; None before the first."""
+        latest = self._latest
+        if latest is None:
+            return None
+        count, (_, now_ns, sequence, _) = latest.count, latest.frame
+        return count, sequence, now_ns
 
     @property
     def payload(self) -> bytes | None:
@@ -349,7 +362,8 @@ class Robot:
 
         Frames that continue it are then stored beside it, for ``adopt_latest_frame``.
         """
-        self._latest = Latest(self.name, (payload, now_ns, header.sequence, header.wall_ns))
+        before = 0 if self._latest is None else self._latest.count
+        self._latest = Latest(self.name, (payload, now_ns, header.sequence, header.wall_ns), before + 1)
         self._frame = self._latest.frame
         self._renew()
         self._frames.open(self._latest)
@@ -357,7 +371,7 @@ class Robot:
     def accept_frame(self) -> None:
         """Accept the frame that arrived before the description. It has not been reported yet."""
         if self._latest is not None:
-            self._latest = Latest(self.name, self._latest.frame)
+            self._latest = Latest(self.name, self._latest.frame, self._latest.count)
             self._frames.open(self._latest)
 
     def mark_reported(self) -> bool:

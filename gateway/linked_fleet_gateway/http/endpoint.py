@@ -405,6 +405,7 @@ _WRITERS: dict[type, Writer] = {
 
 def problem_response(request: Connection, error: FleetError) -> Response:
     """Return problem details for ``error`` in the form that Accept prefers; JSON for a refusal by rate."""
+    request.refusal = error.detail
     if isinstance(error, TooManyRequests):
         return ReadyResponse(rate_refusal(error.wait_s))
     path = percent(request.scope["path"], safe="/~")

@@ -21,7 +21,7 @@ from linked_fleet_gateway.actions.operations import Operation
 from linked_fleet_gateway.actions.plan import Caller, RobotTime
 from linked_fleet_gateway.actions.rehearsals import Rehearsal
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.actions.store import own_token
+from linked_fleet_gateway.actions.store import kept_token, own_token
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.base.settings import Section, SectionT, section
 from linked_fleet_gateway.fleet.functions import FleetFunctions
@@ -230,6 +230,21 @@ class Core:
     async def has_control(self, robot: Robot, token: str) -> bool:
         """Return True if the control lease of a robot is held by this token. Raises RedisUnavailable."""
         return await self.actions.lifecycle.replicated_state.has_lease(robot, token)
+
+    def kept_token(self, token: str) -> str:
+        """Return what may be kept of the token of a control lease: a client cannot use it, but an extension can."""
+        return kept_token(token)
+
+    async def hand_over_control(
+        self, robot: Robot, token: str, new_token: str, holder: str, duration_s: float, *, may_be_person: bool
+    ) -> bool:
+        """Give the control lease of a robot to another holder with a token of its own; nobody can take it in between.
+
+        ``may_be_person``: whether the new holder may have the priority of a person, if the lease has it. Return False
+        if nobody has control. Raises Controlled, RedisUnavailable.
+        """
+        shared = self.actions.lifecycle.replicated_state
+        return await shared.hand_over_lease(robot, token, new_token, holder, duration_s, may_be_person=may_be_person)
 
     async def release_control(self, robot: Robot, token: str) -> None:
         """Release the control lease of a robot, if somebody has it. Raises Controlled, RedisUnavailable."""

@@ -34,7 +34,8 @@ from linked_fleet_gateway.subscriptions.service import Subscriptions
 from linked_fleet_server.exchange import Reply
 
 _NOTHING_DONE = (401, 404, 405)
-_LONGEST = 500  # characters of a reported path
+_LONGEST = 500  # characters of a reported path, and of a reason
+_BY_PAGES = ("subscribe", "unsubscribe")
 
 
 class Application(Protocol):
@@ -120,6 +121,11 @@ class Gateway(Starlette):
 class _Resolved(HTTPConnection):
     """Additional attributes of requests and WebSockets."""
 
+    refusal = ""
+    """Why it was refused or failed, once it was."""
+    is_renewal = False
+    """True once it is known to renew what the client has."""
+
     def __init__(self, scope: Scope, *channels: Any) -> None:
         super().__init__(scope, *channels)
         self.arrival = arrival_of(scope)
@@ -191,8 +197,17 @@ class _Resolved(HTTPConnection):
             RequestEvent(
                 self.caller_name, event, path, robot_of(path) or "", status,
                 "" if asked is None else asked.id, location.removeprefix(self.base).partition("?")[0],
+                self.refusal[:_LONGEST], self._is_by_page(event),
             )
         )  # fmt: skip
+
+    def _is_by_page(self, event: str) -> bool:
+        """Return True for what scripts of the gateway's own pages do without a person who asks for it.
+
+        Browsers send an Origin field with each of these, also the name of the gateway itself.
+        """
+        ours = b"origin" in self.arrival.fields and not self.arrival.cross_origin
+        return ours and (event in _BY_PAGES or self.is_renewal)
 
     def tree(self, subscriptions: SubscriptionsByOwner = NO_SUBSCRIPTIONS) -> Tree:
         """Return the tree as the caller may see it; ``subscriptions`` are those to show."""

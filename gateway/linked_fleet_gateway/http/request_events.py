@@ -23,6 +23,10 @@ class RequestEvent(Struct, frozen=True):
     """Id of the request."""
     created: str = ""
     """Path of the created invocation or subscription, if any."""
+    reason: str = ""
+    """Why it was refused or failed: the detail of the problem, its beginning if that is long."""
+    by_page: bool = False
+    """True for what a page does by itself: the subscriptions to what it shows, and renewals of control."""
 
 
 Listener = Callable[[RequestEvent], None]

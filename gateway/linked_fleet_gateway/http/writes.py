@@ -140,6 +140,7 @@ async def control_lease(request: Request, affordance: Control) -> Response:
             "The priority of a person needs the right of one; without it, leave the priority out.", scope=Right.PERSON
         )
     _, proof = await shared.take_lease(robot, holder, duration_s, token, priority)
+    request.is_renewal = proof == token
     return Response(status_code=204, headers={"lock-token": f"<{proof}>", "cache-control": "no-store"})
 
 

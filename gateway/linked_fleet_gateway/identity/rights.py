@@ -101,6 +101,11 @@ class Identity:
     expires_ns: int | None = None
     credential: Credential | None = None
 
+    @staticmethod
+    def reader(name: str, expires_ns: int, credential: Credential) -> "Identity":
+        """Return the identity of somebody who reads all robots, and has no other right."""
+        return Identity(name, (Grant(frozenset({Right.READ})),), expires_ns, credential)
+
     def view_for(self, scope: Right) -> View:
         """Return the robots on which it has the right."""
         return self._views[scope]

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import Any, Self
 
 from linked_fleet_gateway.identity.issuers import BadToken, IssuerKeys, Web, claimed_issuer, expiry_ns, verify_token
-from linked_fleet_gateway.identity.rights import Credential, Identity, Right, View
+from linked_fleet_gateway.identity.rights import Credential, Identity, Right, TokenHash, View
 from linked_fleet_gateway.identity.roster import BadRoster, Issuer, Roster, read_roster
 from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 
@@ -46,6 +46,8 @@ class Identities:
         self.roster: Roster = read_roster(path)
         self.web = Web()
         self._keys: dict[str, IssuerKeys] = {}
+        self.guests: Callable[[TokenHash], Identity | None] = lambda credential: None
+        """Returns the identity of a credential that is not in the file, such as that of a guest, or None."""
         self._guarded: set[_Guarded] = set()
         self._complaint = ""
         self._looking: asyncio.Task[None] | None = None
@@ -74,7 +76,12 @@ class Identities:
 
     def identity_of(self, credential: Credential) -> Identity | None:
         """Return the identity of a credential verified before; None if it is no longer valid."""
-        return self.roster.identity(credential, time.time_ns())
+        found = self.roster.identity(credential, time.time_ns())
+        if found is None and isinstance(credential, TokenHash):
+            guest = self.guests(credential)
+            expired = guest is not None and guest.expires_ns is not None and guest.expires_ns <= time.time_ns()
+            return None if expired else guest
+        return found
 
     def keys(self, issuer: Issuer) -> IssuerKeys:
         return self._keys.setdefault(issuer.url, IssuerKeys(self.web, issuer.url))
@@ -120,7 +127,8 @@ class Identities:
     def _lasts(self, guarded: _Guarded) -> bool:
         if not guarded.holds():
             return False
-        before, now = guarded.identity, self.roster.identity(guarded.identity.credential, time.time_ns())
+        before, credential = guarded.identity, guarded.identity.credential
+        now = None if credential is None else self.identity_of(credential)
         if now is None or not _subscribes(now, guarded.robot, before.visible_robots):
             return False
         # A stream of the fleet may have all its robots.

@@ -36,7 +36,9 @@ SH = Namespace(
     " SPARQLSelectExecutable select"
     " result focusNode resultPath value resultMessage sourceConstraintComponent",
 )
-PROV = Namespace("http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith")
+PROV = Namespace(
+    "http://www.w3.org/ns/prov#", "Activity Agent startedAtTime endedAtTime wasAssociatedWith used generated"
+)
 SOSA = Namespace(
     "http://www.w3.org/ns/sosa/",
     "ObservationCollection Observation hasMember hasFeatureOfInterest observedProperty hasResult hasSimpleResult"
@@ -119,7 +121,7 @@ LF = Namespace(
     " preempts preemptedBy limitedBecause plannedBecause pathDeviation positionResidual orientationResidual answer"
     " ofRobot currentTask closest clearance uncertainty nearTo share plan leastManipulability"
     " leastManipulabilityTime"
-    " lastMoved moving modelName batteryCharge InvocationList"
+    " lastMoved moving linkQuality modelName batteryCharge InvocationList"
     # predicates: control and settings
     " lease holder priority expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages

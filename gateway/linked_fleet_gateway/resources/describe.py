@@ -1,7 +1,7 @@
 """Descriptions of fleet, robot, joint, link and property as triples (paper figures 2b and 3, R1.3 to R1.12)."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from decimal import Decimal
 from functools import lru_cache
 
@@ -41,7 +41,7 @@ class RobotActivity:
     """The activity of a robot: its running invocations, the charge of its battery, and True while it moves.
 
     ``moved_ns``: the end of its last movement (wall time); None while it moves. ``holder`` has control of it; ``more``
-    is what extensions add.
+    is what extensions add. ``link``: the term for how well its frames arrive.
     """
 
     tasks: tuple[Task, ...] = ()
@@ -50,6 +50,7 @@ class RobotActivity:
     moving: bool = False
     holder: str = ""
     more: tuple[tuple[NamedNode, Literal], ...] = ()
+    link: str | None = field(default=None, repr=False)  # gateways differ in it, so it is no part of shared versions
 
 
 class Describer:
@@ -113,6 +114,8 @@ class Describer:
             graph.add(iri, LF.moving, Literal("true", datatype=XSD.boolean))
         if does.moved_ns is not None:
             graph.add(iri, LF.lastMoved, timestamp(does.moved_ns, resolution_ns=_SECOND_NS))
+        if does.link is not None:
+            graph.add(iri, LF.linkQuality, NamedNode(LF.iri + does.link))
         if does.battery_percent is not None:
             graph.add(iri, LF.batteryCharge, Literal(f"{does.battery_percent:.1f}", datatype=XSD.decimal))
 

@@ -68,6 +68,7 @@ class Things:
             typed_links=self._branches.typed_links(),
             documents=self._branches.thing_documents(self._view),
             has_linkset=True,
+            has_form=True,
         )
 
     def _shown(self) -> object:
@@ -97,7 +98,7 @@ class Things:
         )
         holder = "" if robot.lease is None else robot.lease.holder
         more = tuple(said for add in added_introductions() for said in add(robot))
-        return RobotActivity(tasks, ended_ns, _battery_percent(robot), robot.moving, holder, more)
+        return RobotActivity(tasks, ended_ns, _battery_percent(robot), robot.moving, holder, more, robot.link_quality)
 
     def robot(self, robot: Robot) -> Resource:
         """Return a robot, which links its parts, properties and actions."""

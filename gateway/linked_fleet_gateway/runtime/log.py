@@ -75,7 +75,7 @@ def current_trace() -> Trace | None:
 
 LogFormat = Literal["text", "json"]
 LOG_FORMATS: tuple[str, ...] = get_args(LogFormat)
-_FIELDS = ("robot", "subscription", "who", "what", "target", "outcome", "result")
+_FIELDS = ("robot", "subscription", "who", "what", "target", "outcome", "result", "reason")
 _TEXT = "%(asctime)s %(levelname)s %(name)s: %(message)s"
 # Names come from the network: they must not start a new line or control a terminal.
 _VISIBLE = {code: f"\\x{code:02x}" for code in (*range(0x20), *range(0x7F, 0xA0))} | {
@@ -124,7 +124,7 @@ class JsonFormatter(logging.Formatter):
     """JSON records: ``time`` (RFC 3339), ``level``, ``logger``, ``message``.
 
     If known, ``robot``, ``subscription``, ``request``, ``trace_id``, ``exception``; for audit records ``who``,
-    ``what``, ``target``, ``outcome``, ``result``.
+    ``what``, ``target``, ``outcome``, ``result``, ``reason``.
     """
 
     def format(self, record: logging.LogRecord) -> str:

@@ -112,10 +112,12 @@ class Live:
         return bool(self._unchecked)
 
     def _check(self, name: str, now_ns: int) -> None:
-        """Evaluate what is the absence of an event: limits that were left for a while, movement, and missing frames."""
+        """Evaluate what is the absence of an event: limits that were left for a while, movement, lost frames."""
         if change := self.fleet.check_limits(name, now_ns):
             self._on_change(change)
         if change := self.fleet.check_movement(name, now_ns):
+            self._on_change(change)
+        if change := self.fleet.check_reception(name, now_ns):
             self._on_change(change)
         robot = self.fleet.robots.get(name)
         if not self._finds_silences or robot is None or robot.incarnation is None:

@@ -9,6 +9,7 @@ from linked_fleet_gateway.actions.action_handlers import HANDLERS
 from linked_fleet_gateway.extensions.faults.terms import LF as FAULT_LF
 from linked_fleet_gateway.extensions.missions.terms import LF as MISSION_LF
 from linked_fleet_gateway.extensions.navigation.drive_to import LF as NAVIGATION_LF
+from linked_fleet_gateway.extensions.people.terms import LF as PEOPLE_LF
 from linked_fleet_gateway.extensions.queue.terms import LF as QUEUE_LF
 from linked_fleet_gateway.extensions.reach.can_reach import LF
 from linked_fleet_gateway.extensions.world.placement import LF as WORLD_LF
@@ -107,6 +108,7 @@ def test_each_kind_of_action_has_a_file_and_a_handler() -> None:
         NAVIGATION_LF.DriveNear,
         *(MISSION_LF.terms[each] for each in ("PauseRun", "ResumeRun", "RetryStep", "SkipStep", "AnswerStep")),
         *(FAULT_LF.terms[each] for each in ("RaiseFault", "AcknowledgeFault", "RemarkFault", "ClearFault")),
+        *(PEOPLE_LF.terms[each] for each in ("HandOverControl", "RefuseControl")),
         *(QUEUE_LF.terms[each] for each in ("MoveOrder", "WithdrawOrder")),
     }
     for one in action_definitions():

@@ -23,7 +23,7 @@ _OPTIONAL = {
     LF.modelName, LF.things, LF.rules, LF.world, LF.cameras, LF.history, LF.histories, SOSA.hosts, LF.mesh,
     PROV.wasAssociatedWith, PROV.startedAtTime, PROV.endedAtTime, SOSA.actsOnProperty, LF.duration, LF.target,
     LF.result, LF.answer, LF.preempts, LF.body, LF.binding, LF.sample, LF.field, LF.collision,
-    LF.availability,
+    LF.availability, LF.tags,
 }  # fmt: skip
 # At least one of several, or a number counted by the shape.
 _SEVERAL = {HYBRIT.property, DCTERMS.format, Namespace("http://www.w3.org/ns/hydra/core#", "view").view}

@@ -5,10 +5,11 @@ from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
 
-from linked_fleet_gateway.api import Core, Extension, Mount, NavigationEntry, RequestEvent, RequestView
+from linked_fleet_gateway.api import Core, Extension, Mount, NavigationEntry, RequestView
+from linked_fleet_gateway.extensions.audit.describing import PATH
 from linked_fleet_gateway.extensions.audit.log import AuditLog
 from linked_fleet_gateway.extensions.audit.operations import operations
-from linked_fleet_gateway.extensions.audit.resources import PATH, audit_branch
+from linked_fleet_gateway.extensions.audit.resources import CSV, Audit, audit_branch, read_audit
 
 
 class AuditExtension(Extension):
@@ -28,10 +29,5 @@ class AuditExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         async with AuditLog(core.redis_url, core.namespace) as log:
-
-            def record(event: RequestEvent) -> None:
-                status = "" if event.status is None else str(event.status)
-                log.record(event.client, event.event, event.path, event.robot, status, event.request, event.created)
-
-            with core.listening_to_requests(record):
-                yield Mount(branches=(audit_branch(log),))
+            with core.listening_to_requests(log.record):
+                yield Mount(branches=(audit_branch(log),), readers={Audit: read_audit}, formats={"csv": ("CSV", CSV)})

@@ -1,56 +1,86 @@
-"""The page of the audit: caller, request, time and outcome of each entry."""
+"""The page of the audit: a form that selects entries; caller, request, time, outcome and reason of each."""
 
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from urllib.parse import parse_qsl
 
-from linked_fleet_gateway.api import DCTERMS, LDP, Literal, NamedNode
-from linked_fleet_gateway.extensions.audit.resources import LF
+from linked_fleet_gateway.api import DCTERMS, LDP, RDFS, Literal, NamedNode
+from linked_fleet_gateway.extensions.audit.describing import LF, PATH
 from linked_fleet_gateway.extensions.pages import texts
-from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
-from linked_fleet_gateway.rdf.vocabulary import PROV
+from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
+from linked_fleet_gateway.rdf.vocabulary import PROV, XHV
+
+OUTCOMES = (("", "any"), ("succeeded", "done"), ("refused", "refused"), ("failed", "failed"), ("ended", "ended"))
+"""Values of the parameter ``outcome``, in words."""
 
 
 @dataclass(frozen=True)
 class Entry:
-    """A line of the audit. ``state`` colours the outcome; ``result`` links what was created."""
+    """A line of the audit. ``state`` colours the outcome; ``result`` links what was created.
 
+    ``target`` and ``result`` have no address if there is no such resource any more. ``moment`` is the address of its
+    time in the timeline.
+    """
+
+    id: str
     when: Value | None
+    moment: str
     who: str
     what: str
     target: Link
     robot: Link | None
     outcome: str
     state: str
+    reason: str
     result: Link | None
+    by_page: bool
 
 
 def audit(facts: Facts, iri: NamedNode) -> Part:
     members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
     entries = [_entry(facts, each) for each in members]
-    choices = [
-        ("who", "Who", sorted({each.who for each in entries if each.who})),
-        ("of-robot", "Robot", sorted({each.robot.text for each in entries if each.robot})),
-        ("outcome", "Result", sorted({each.outcome for each in entries})),
-    ]
-    return Part({"entries": entries, "choices": choices}, {LDP.contains}, set(members))
+    query = dict(parse_qsl(facts.text(iri, LF.filter)))
+    older = facts.iri_of(iri, XHV.next)
+    more = {
+        "entries": entries,
+        "query": query,
+        "outcomes": OUTCOMES,
+        "known": {"who": _known(each.who for each in entries), "robot": _known(_robots(entries))},
+        "newest": facts.text(iri, LF.newestEntry),
+        "older": older,
+        "address": facts.root.rstrip("/") + PATH,
+    }
+    return Part(more, {LDP.contains, LF.filter, LF.newestEntry, RDFS.seeAlso}, set(members))
+
+
+def _robots(entries: Iterable[Entry]) -> Iterator[str]:
+    return (each.robot.text for each in entries if each.robot)
+
+
+def _known(texts: Iterable[str]) -> list[str]:
+    return sorted({each for each in texts if each})
 
 
 def _entry(facts: Facts, iri: NamedNode) -> Entry:
     what, _, path = facts.text(iri, DCTERMS.title).partition(" ")
     agent = facts.one(iri, PROV.wasAssociatedWith)
-    created = facts.values(iri, DCTERMS.created)
     robot = facts.one(iri, LF.ofRobot)
     outcome, state = _outcome(_status(facts, iri))
     made = facts.text(iri, DCTERMS.description)
     return Entry(
-        created[0] if created else None,
+        iri.value.partition("#")[2],
+        facts.first_value(iri, DCTERMS.created),
+        timeline_link(facts, facts.text(iri, DCTERMS.created)),
         facts.text(agent, DCTERMS.title) if agent is not None else "",
         texts.capitalized(described(what, path)),
-        _link(path, facts),
+        _link(path, facts.iri_of(iri, PROV.used)),
         Link(texts.place(robot.value, facts.root), robot.value, robot.value) if isinstance(robot, NamedNode) else None,
         outcome,
         state,
-        _link(made, facts) if made and state == "succeeded" else None,
+        facts.text(iri, LF.reason),
+        _link(made, facts.iri_of(iri, PROV.generated)) if made and state == "succeeded" else None,
+        facts.text(iri, LF.byPage) == "true",
     )
 
 
@@ -59,9 +89,8 @@ def _status(facts: Facts, iri: NamedNode) -> int | None:
     return int(found.value) if isinstance(found, Literal) and found.value.isdecimal() else None
 
 
-def _link(path: str, facts: Facts) -> Link:
-    href = facts.root.rstrip("/") + path if path.startswith("/") else ""
-    return Link(texts.capitalized(texts.thing(path, "/")), href, href)
+def _link(path: str, href: str) -> Link:
+    return Link(texts.capitalized(texts.thing(path, "/")), href, path)
 
 
 _DONE = {
@@ -71,6 +100,7 @@ _DONE = {
     "DELETE": "delete",
     "subscribe": "subscribe to",
     "unsubscribe": "end a subscription to",
+    "INVITATION": "open",
     "stream": "open a stream to",
     "end stream": "end a stream to",
 }

@@ -7,6 +7,8 @@ from contextlib import asynccontextmanager
 from functools import partial
 from pathlib import Path
 
+from pyoxigraph import Literal
+
 from linked_fleet_gateway.api import (
     Core,
     Extension,
@@ -41,6 +43,14 @@ def _components(robot: Robot) -> list[ComponentPart]:
     return [each for each in robot.parts.values() if isinstance(each, ComponentPart)]
 
 
+def _stopped(robot: Robot) -> Iterator[tuple[NamedNode, Literal]]:
+    """Yield why a protective stop keeps a robot from moving, for the list of robots."""
+    for each in _components(robot):
+        if each.declared.semantic_type == LF.Mode.value and each.is_current and each.state.value("protectiveStop"):
+            yield LF.stopped, Literal(str(each.state.value("reason") or "a protective stop is active")[:200])
+            return
+
+
 def _resolve(view: RequestView, robot: Robot, rest: list[str]) -> Found:
     if rest:
         return None
@@ -64,6 +74,7 @@ class ComponentsExtension(Extension):
     name = "components"
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
+    introductions = (_stopped,)
 
     def views(self) -> Sequence[object]:
         from linked_fleet_gateway.extensions.components import page

@@ -48,6 +48,7 @@ from linked_fleet_gateway.extensions.faults.ledger import ROUND_S, Change, Ledge
 from linked_fleet_gateway.extensions.faults.links import Linking
 from linked_fleet_gateway.extensions.faults.messages import Telling
 from linked_fleet_gateway.extensions.faults.notify import LOOK_S, Notifier, by_apprise
+from linked_fleet_gateway.extensions.faults.of_robots import faults_of_robots, introduction
 from linked_fleet_gateway.extensions.faults.raising import raise_fault
 from linked_fleet_gateway.extensions.faults.recording import Recording
 from linked_fleet_gateway.extensions.faults.signals import Signals
@@ -101,6 +102,7 @@ class FaultsExtension(Extension):
     kinds = (HERE / "kinds.ttl",)
     settings = FaultSettings
     navigation = (NavigationEntry("Faults", "/faults", 5),)
+    introductions = (introduction,)
 
     def views(self) -> Sequence[object]:
         from linked_fleet_gateway.extensions.faults import page
@@ -112,6 +114,7 @@ class FaultsExtension(Extension):
         section = core.section(FaultSettings)
         signals = Signals(policy_of)
         make = partial(_container, Linking(core))
+        of_robots = faults_of_robots()
         watch = Watch(core, signals, _about_run(core))
         async with (
             Gateways(core) as gateways,
@@ -129,6 +132,8 @@ class FaultsExtension(Extension):
             async def look() -> None:
                 await watch.look()
                 await ledger.round()
+                if of_robots.renew(ledger.known.values()):
+                    core.mark_changed("/")
                 if recording is not None:
                     recording.look()
 

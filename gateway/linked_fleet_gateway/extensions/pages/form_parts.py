@@ -1,12 +1,23 @@
 """The parts of a form: values, nested nodes, and the form itself, as the template renders them."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.faces import Right
 
 _GRAPHS = frozenset({"turtle"})
+_FORBIDDEN = {
+    Right.ACT: "You have no right to move this robot.",
+    Right.STOP: "You have no right to stop this robot.",
+    Right.RESET: "You have no right to let this robot move again.",
+    Right.ADMIN: "You have no right to change this.",
+    Right.SUBSCRIBE: "You have no right to have messages sent or rules followed.",
+}
+_OFFLINE = "The robot is offline: nothing can be sent to it."
+_CONTROLLED = frozenset({Right.ACT, Right.RESET, Right.ADMIN})
+"""Rights for what the holder of a control lease alone may do: motions and settings."""
 
 
 @dataclass(frozen=True)
@@ -92,3 +103,16 @@ class Form:
     further: Sequence[Leaf | Group]
     right: Right
     rehearses: bool = False
+
+    def refusal(self, rights: Collection[str] | None, holder: str, *, offline: bool) -> str:
+        """Return why its request would be refused now; empty if nothing is known against it.
+
+        ``rights``: those of the reader, None for all. ``offline``: whether it is sent to a robot that is offline.
+        ``holder``: who has control of the robot, if anybody. `scripts/src/presence.js` says the same, and later.
+        """
+        if rights is not None and self.right.value not in rights:
+            return _FORBIDDEN.get(self.right, "You have no right to do this.")
+        if offline:
+            return _OFFLINE
+        held = holder and self.right in _CONTROLLED
+        return f"{clean(holder)} has control of the robot: this would be refused." if held else ""

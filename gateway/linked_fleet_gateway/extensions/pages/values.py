@@ -125,10 +125,14 @@ Value = Number | Time | State | Text | Link | Vector | Items | NestedFacts
 
 
 class Facts:
-    """The triples of a resource, and how their terms are shown. ``root``: the fleet's IRI, with its slash."""
+    """The triples of a resource, and how their terms are shown.
 
-    def __init__(self, triples: Sequence[Triple], root: str) -> None:
+    ``root``: the fleet's IRI, with its slash. ``query``: that of the request, without ``as``.
+    """
+
+    def __init__(self, triples: Sequence[Triple], root: str, query: str = "") -> None:
         self.triples = triples
+        self.query = query
         self.outline = Outline(triples)
         self.of = self.outline.properties
         self.root = root

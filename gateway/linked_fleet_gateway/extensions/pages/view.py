@@ -11,10 +11,11 @@ from pyoxigraph import NamedNode, Triple
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import action_views, texts
 from linked_fleet_gateway.extensions.pages import thing_views as things
-from linked_fleet_gateway.extensions.pages.root_views import fleet, vocabulary
+from linked_fleet_gateway.extensions.pages.fleet_views import fleet
 from linked_fleet_gateway.extensions.pages.thing_views import DescribedSubject, describe_subject
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, files_of, places
+from linked_fleet_gateway.extensions.pages.vocabulary_view import vocabulary
 from linked_fleet_gateway.faces import PageContext, Resource, lease_path, offers_at
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
@@ -40,7 +41,17 @@ _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
 _PLAIN_TYPES = frozenset(
     {HYBRIT.RoboticThing, HYBRIT.Property, HYBRIT.Action, HYBRIT.AsynchronousAction, LF.Joint, PROV.Activity}
     | {LDP.Container, LDP.BasicContainer, LDP.RDFSource}
-    | {LF.Fleet, LF.Audit, LF.Directory, LF.Invocation, LF.InvocationList, LF.JointState, OWL.Ontology}
+    | {
+        LF.Fleet,
+        LF.Audit,
+        LF.Directory,
+        LF.Invitations,
+        LF.People,
+        LF.Invocation,
+        LF.InvocationList,
+        LF.JointState,
+        OWL.Ontology,
+    }
     | {SOSA.ObservableProperty, SOSA.Actuation}
 )
 # Predicates that the frame of the page already shows.
@@ -54,7 +65,8 @@ class View:
 
     ``crumbs``: names with IRIs, the last one without. ``stop``: what the Stop button stops, and the IRI of the action.
     ``lease``: the IRI of the control lease of the robot that the page is about, else empty. ``places``: the navigation.
-    ``warning``: about the gateway. ``scripts``, ``styles``: addresses of those that only this kind of page has.
+    ``warning``: about the gateway. ``offline``: whether the robot of the page is; ``holder``: who has control of it, if
+    anybody. ``scripts``, ``styles``: addresses of those that only this kind of page has.
     """
 
     iri: str
@@ -78,6 +90,8 @@ class View:
     others: Sequence[DescribedSubject]
     places: Sequence[Place]
     warning: str
+    offline: bool = False
+    holder: str = ""
     scripts: Sequence[str] = ()
     styles: Sequence[str] = ()
 
@@ -109,9 +123,10 @@ def view_of(
     context: PageContext,
 ) -> View:
     """Return the view of a resource; ``base`` is scheme and authority, without a slash at its end."""
-    iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/")
+    iri, facts = NamedNode(base + resource.path), Facts(triples, base + "/", context.query)
     kind, part, files = _kind(facts, iri)
     subscriptions = facts.one(iri, HYBRIT.subscriptions) if context.links_subscriptions else None
+    robot = resource.source.robot
     return View(
         iri=iri.value,
         query=context.query,
@@ -128,7 +143,7 @@ def view_of(
         ],
         crumbs=_crumbs(resource.path, facts.root),
         stop=_stop(resource, facts.root),
-        lease="" if resource.source.robot is None else facts.root + lease_path(resource.source.robot.name)[1:],
+        lease="" if robot is None else facts.root + lease_path(robot.name)[1:],
         observable=resource.observable,
         blueprint=_blueprint(facts, iri),
         subscriptions=subscriptions.value if isinstance(subscriptions, NamedNode) else "",
@@ -141,6 +156,8 @@ def view_of(
         ],
         places=places(resource.path, context.reader.restricted_paths, root=facts.root),
         warning=context.warning,
+        offline=robot is not None and not robot.online,
+        holder="" if robot is None or robot.lease is None else robot.lease.holder,
         scripts=[each for each in files if each.endswith(".js")],
         styles=[each for each in files if each.endswith(".css")],
     )

@@ -197,6 +197,7 @@ def _describe_rule(graph: Graph, view: RequestView, known: RuleRecord) -> None:
         graph.add(iri, LF.body, _copied(graph, rule.body))
     graph.add(iri, LF.toldApartBy, *(Literal(name) for name in rule.told_apart_by))
     graph.add(iri, LF.minimumInterval, _decimal(rule.interval_s))
+    graph.add(iri, LF.holdsFor, _decimal(rule.holds_for_s))
     graph.add(iri, LF.enabled, Literal(rule.enabled))
     graph.add(iri, LF.state, rule_state(known))
     graph.add(iri, LF.reason, *map(Literal, _reasons(known)))

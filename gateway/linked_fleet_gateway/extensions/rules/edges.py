@@ -102,6 +102,18 @@ def edge(before: Collection[str], now: Mapping[str, Row]) -> Edge:
     return Edge(began, tuple(sorted(key for key in before if key not in now)))
 
 
+def ripe(
+    now: Mapping[str, Row], before: Collection[str], since_s: Mapping[str, float], at_s: float, holds_for_s: float
+) -> tuple[dict[str, Row], float | None]:
+    """Return the rows that held before or have held for long enough, and when the next one has; None if none waits.
+
+    ``since_s`` are the times since which rows have been there. A row that is gone meanwhile waits anew.
+    """
+    waiting = {key: since_s[key] + holds_for_s for key in now if key not in before}
+    waiting = {key: due_s for key, due_s in waiting.items() if due_s > at_s}
+    return {key: row for key, row in now.items() if key not in waiting}, min(waiting.values(), default=None)
+
+
 def _written(row: Row) -> tuple[tuple[str, str], ...]:
     terms = tuple(sorted((name, str(term)) for name, term in row.items()))
     for name, term in row.items():

@@ -21,7 +21,7 @@ from linked_fleet_gateway.extensions.rules.causes import (
     self_caused,
     state_of,
 )
-from linked_fleet_gateway.extensions.rules.edges import Edge, Row, UnusableResult, edge, rows_by_key
+from linked_fleet_gateway.extensions.rules.edges import Edge, Row, UnusableResult, edge, ripe, rows_by_key
 from linked_fleet_gateway.extensions.rules.pace import Pace, Queues, too_costly
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.rule_invocation import (
@@ -57,12 +57,16 @@ class Select(Protocol):
 
 @dataclass(frozen=True)
 class Evaluation:
-    """The result of a condition at ``at_s`` (monotonic): keys of the rows that held, and states of moved robots."""
+    """The result of a condition at ``at_s`` (monotonic): keys of the rows that held, and states of moved robots.
+
+    ``since_s`` are the times since which each row has been there, those that have not held for long enough included.
+    """
 
     revision: int
     keys: Collection[str]
     look: Look
     at_s: float
+    since_s: Mapping[str, float]
 
 
 class Engine:
@@ -178,7 +182,9 @@ class Engine:
         self._note_steps()
         look = self._causes.observe(self._live.fleet.robots, self._live.invocations, at_s)
         try:
-            now = await self._ask(rule, creator.visible_robots)
+            there = await self._ask(rule, creator.visible_robots)
+            since_s = {key: at_s if held is None else held.since_s.get(key, at_s) for key in there}
+            now = there if held is None else self._ripe(rule, there, held.keys, since_s, at_s)
             causes = (
                 {} if held is None else await self._causes_of(rule, creator.visible_robots, held, edge(held.keys, now))
             )
@@ -192,8 +198,10 @@ class Engine:
                 await self._note_failure(known, error)
             return held
         await self._note_seen()
-        evaluated = Evaluation(known.revision, set(now), look, at_s)
         before = held.keys if held is not None else None if was_suspended else await self._store.rows_held(known)
+        if held is None and before is not None:
+            now = self._ripe(rule, there, before, since_s, at_s)
+        evaluated = Evaluation(known.revision, set(now), look, at_s, since_s)
         if before is None:  # rows that hold at the start have not started to hold
             await self._store.store_first_rows(known, now)
             await self._complain(known)
@@ -202,6 +210,15 @@ class Engine:
         await self._complain(known)
         await self._advance(known, creator, edge(before, now), causes, moments)
         return evaluated
+
+    def _ripe(
+        self, rule: Rule, there: Mapping[str, Row], before: Collection[str], since_s: Mapping[str, float], at_s: float
+    ) -> dict[str, Row]:
+        """Return the rows that held before or have held for long enough. When the next one has, evaluate."""
+        now, due_s = ripe(there, before, since_s, at_s, rule.holds_for_s)
+        if due_s is not None and (due := self._due.get(rule.id)) is not None:
+            asyncio.get_running_loop().call_later(due_s - at_s, due.set)
+        return now
 
     async def _ask(self, rule: Rule, sees: View, instead: Sequence[HypotheticalRobot] = ()) -> dict[str, Row]:
         pace = self._pace(rule.id)

@@ -107,8 +107,9 @@ def _changed(rules: Rules, request: Request, known: RuleRecord, wanted: RuleRequ
         _demand_rights(request.caller)
         written = _as_wanted(rules, request, wanted, rule.id, rule.created_ns)
         return replace(written, client=rule.client)
-    said = (rule.title, rule.condition, _iri(rule), rule.body, rule.told_apart_by, rule.interval_s)
-    if said != (wanted.title, wanted.condition, wanted.invokes, wanted.body, wanted.told_apart_by, wanted.interval_s):
+    said = (rule.title, rule.condition, _iri(rule), rule.body, rule.told_apart_by, rule.interval_s, rule.holds_for_s)
+    times_s = wanted.interval_s, wanted.holds_for_s
+    if said != (wanted.title, wanted.condition, wanted.invokes, wanted.body, wanted.told_apart_by, *times_s):
         raise InsufficientScope(
             "Only its creator may change the content of a rule, because it has the creator's rights.", scope=Right.ADMIN
         )
@@ -149,6 +150,7 @@ def _as_wanted(rules: Rules, request: Request, wanted: RuleRequest, id: str, cre
         body=wanted.body,
         told_apart_by=wanted.told_apart_by,
         interval_s=wanted.interval_s,
+        holds_for_s=wanted.holds_for_s,
         enabled=wanted.enabled,
         creator=caller.name,
         claims=_word(caller),

@@ -30,6 +30,7 @@ _MEMBERS = {
     "dcterms:title": DCTERMS.title,
     "lf:condition": LF.condition,
     "lf:minimumInterval": LF.minimumInterval,
+    "lf:holdsFor": LF.holdsFor,
     "lf:enabled": LF.enabled,
 }
 

@@ -127,6 +127,7 @@ def rules(facts: Facts, iri: NamedNode) -> Part:
         LF.body: first.body,
         LF.toldApartBy: first.told_apart_by,
         LF.minimumInterval: "1",
+        LF.holdsFor: "0",
         LF.enabled: "true",
     }
     blank = form.form_of_shape(

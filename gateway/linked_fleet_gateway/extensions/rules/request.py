@@ -46,6 +46,7 @@ class RuleRequest:
     body: str
     told_apart_by: tuple[str, ...]
     interval_s: float
+    holds_for_s: float
     enabled: bool
 
 
@@ -71,6 +72,7 @@ def parse_rule(triples: Sequence[Triple], iri: str, base: str) -> RuleRequest:
         body=_body(triples, said.get(LF.body), container),
         told_apart_by=tuple(sorted({each.value for each in said.get(LF.toldApartBy, ())})),
         interval_s=float(_text(said, LF.minimumInterval) or INTERVAL_S) + 0.0,
+        holds_for_s=float(_text(said, LF.holdsFor) or 0.0) + 0.0,
         enabled=_text(said, LF.enabled) in ("", "true", "1"),
     )
 

@@ -32,6 +32,8 @@ class Rule:
     """Variables that identify rows; empty for all variables of the condition."""
     interval_s: float = 1.0
     """Least time between two firings in seconds; rows that start to hold earlier are suppressed."""
+    holds_for_s: float = 0.0
+    """How long a row must hold before it fires, in seconds."""
     enabled: bool = True
     reason: str = ""
     """The reason if somebody else than its creator disabled it."""

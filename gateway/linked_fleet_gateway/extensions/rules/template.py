@@ -15,7 +15,7 @@ from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 
 LF = CORE.extended(
     "Rule Firing RuleList FiringList RuleShape RuleResourceShape FiringShape disabled suppressed rules"
-    " condition invokes body toldApartBy enabled firings lastFiring causedBy suppressions variable"
+    " condition invokes body toldApartBy holdsFor enabled firings lastFiring causedBy suppressions variable"
     " binding invocation"
 )
 

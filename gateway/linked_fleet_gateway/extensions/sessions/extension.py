@@ -3,7 +3,8 @@
 A session cookie authenticates browsers; their requests must come from the gateway's own pages.
 """
 
-from collections.abc import AsyncIterator
+import logging
+from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -15,15 +16,40 @@ from starlette.datastructures import Headers
 from starlette.responses import RedirectResponse, Response
 from starlette.types import Receive, Scope
 
-from linked_fleet_gateway.api import Core, Extension, Mount, Request, choose
+from linked_fleet_gateway.api import (
+    Core,
+    Extension,
+    Mount,
+    Request,
+    RequestEvent,
+    Table,
+    cancel_tasks,
+    choose,
+    supervised,
+)  # fmt: skip
 from linked_fleet_gateway.base.errors import ForeignOrigin, Unauthenticated
 from linked_fleet_gateway.base.settings import FILE, Section, setting
 from linked_fleet_gateway.extensions.sessions.cookies import read_cookie, record_session
+from linked_fleet_gateway.extensions.sessions.invitations import (
+    MOST,
+    PATH,
+    SEGMENT,
+    Invitation,
+    Invitations,
+    Invite,
+    branch_of,
+    container_of,
+    invite,
+)  # fmt: skip
 from linked_fleet_gateway.extensions.sessions.login import Login
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey, Sessions
 from linked_fleet_gateway.faces import HTML
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.serving import Authenticated, arrival_of
+
+log = logging.getLogger(__name__)
+HERE = Path(__file__).parent
+FORGET_S = 60.0
 
 
 @dataclass(frozen=True)
@@ -105,9 +131,16 @@ def _to_login(scope: Scope) -> RedirectResponse:
 
 class SessionsExtension(Extension):
     name = "sessions"
-    at_root = ("login", "logout")
+    at_root = ("login", "logout", SEGMENT)
     needs = ("pages",)
     settings = SessionSettings
+    vocabulary = (HERE / "vocabulary.ttl",)
+    shapes = (HERE / "shapes.ttl",)
+
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.sessions import page
+
+        return (page.VIEW,)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
@@ -116,5 +149,25 @@ class SessionsExtension(Extension):
             return
         key = SessionKey(core.redis_url, core.namespace, str(core.section(SessionSettings).key_file or ""))
         ended = EndedSessions(core.redis_url, core.namespace)
-        async with Sessions(core.identities, key, ended) as sessions:
-            yield Mount(scheme=SessionScheme(sessions))
+        async with (
+            Sessions(core.identities, key, ended) as sessions,
+            core.open_container("invitations", Invitation, container_of, MOST) as container,
+        ):
+            records = container.records
+            assert isinstance(records, Table)
+
+            def opened(id: str, invitation: Invitation) -> None:
+                core.tell_of_request(RequestEvent(invitation.guest.name, "INVITATION", f"{PATH}/{id}", status=303))
+
+            sessions.invitations = invitations = Invitations(records, opened)
+            core.identities.guests = invitations.guest
+            tasks = [supervised(invitations.forget_expired, "forget invitations", log, "they stay listed", FORGET_S)]
+            try:
+                yield Mount(
+                    scheme=SessionScheme(sessions),
+                    branches=(branch_of(container),),
+                    writers={Invite: invite(container)},
+                    services=(sessions,),
+                )
+            finally:
+                await cancel_tasks(tasks)

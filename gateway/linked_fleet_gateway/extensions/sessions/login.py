@@ -30,6 +30,7 @@ from linked_fleet_gateway.base.errors import (
 from linked_fleet_gateway.extensions.pages.page import FORMS, render
 from linked_fleet_gateway.extensions.pages.views import places
 from linked_fleet_gateway.extensions.sessions.cookies import LOGIN, read_cookie, session_of, set_cookie
+from linked_fleet_gateway.extensions.sessions.invitations import LINK_PATH
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, PendingLogin, open_login, seal_login
 from linked_fleet_gateway.extensions.sessions.service import Sessions
 from linked_fleet_gateway.faces import Claims, Credential, Identity
@@ -48,7 +49,13 @@ class TooManyLogins(FleetError):
 
 log = logging.getLogger(__name__)
 
-_PAGES = {"/login": ("GET", "POST"), "/login/start": ("GET",), "/login/return": ("GET",), "/logout": ("POST",)}
+_PAGES = {
+    "/login": ("GET", "POST"),
+    "/login/start": ("GET",),
+    "/login/return": ("GET",),
+    LINK_PATH: ("GET",),
+    "/logout": ("POST",),
+}
 MAX_BODY_BYTES = 32 * 1024
 _LONGEST_PATH = 2000
 FAILURES = 10
@@ -76,6 +83,8 @@ class Login:
             return await _log_out(request, sessions)
         if path == "/login/start":
             return await self._start(request, sessions)
+        if path == LINK_PATH:
+            return await self._as_guest(request, sessions)
         if path == "/login/return":
             return await self._return(request, sessions)
         if method == "POST":
@@ -114,6 +123,25 @@ class Login:
             raise IssuerDown("The issuer of this token cannot be asked for its keys; try again in a moment.") from error
         assert found.credential is not None
         return await _logged_in(request, sessions, found.credential, then)
+
+    # -- by an invitation ---------------------------------------------------------------------------------------------
+
+    async def _as_guest(self, request: Request, sessions: Sessions) -> Response:
+        """Begin a session of a guest. The token leaves the address with the redirection."""
+        if session_of(request.scope) is not None:
+            who = request.caller.name
+            failed = f"You are logged in as {who}. Log out to use an invitation, or open it in another browser."
+            return _page(sessions, "/", request.caller, status=409, failed=failed)
+        try:
+            if sessions.invitations is None:
+                raise BadToken("this gateway has no invitations")
+            credential = sessions.invitations.open(request.query_params.get("token", ""), time.time_ns())
+        except BadToken as error:
+            self._failed(request, error)
+            sentence = str(error)
+            failed = f"{sentence[:1].upper()}{sentence[1:]}. Ask who sent it to you for a new one."
+            return _page(sessions, "/", None, status=401, failed=failed)
+        return await _logged_in(request, sessions, credential, "/")
 
     # -- at an issuer -------------------------------------------------------------------------------------------------
 
@@ -201,7 +229,7 @@ def _return_url(request: Request) -> str:
 
 
 async def _logged_in(request: Request, sessions: Sessions, credential: Credential, then: str) -> Response:
-    response = RedirectResponse(request.base + then, 303, _NO_STORE)
+    response = RedirectResponse(request.base + then, 303, _NO_STORE | {"referrer-policy": "no-referrer"})
     set_cookie(request.scope, response, await sessions.begin(credential))
     return response
 

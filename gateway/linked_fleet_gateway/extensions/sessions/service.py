@@ -17,6 +17,7 @@ from typing import Self
 
 from linked_fleet_gateway.api import cancel_tasks, supervised
 from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_gateway.extensions.sessions.invitations import Invitations
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     KEY_BYTES,
     Session,
@@ -143,6 +144,7 @@ class EndedSessions:
 LOOK_S = 1.0
 """Period of checks for sessions that other gateways have ended."""
 _ID_BYTES = 16
+_MOST_SEEN = 1000
 
 
 class Sessions:
@@ -150,6 +152,9 @@ class Sessions:
 
     def __init__(self, identities: Identities, key: SessionKey, ended: EndedSessions) -> None:
         self.identities, self.key, self._ended = identities, key, ended
+        self.invitations: Invitations | None = None
+        self.seen_s: dict[str, float] = {}
+        """When people were last here, by name (monotonic), the latest last."""
         self._hearing: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:
@@ -178,7 +183,13 @@ class Sessions:
         if session is None or session in self._ended:
             return None
         found = self.identities.identity_of(session.credential)
-        return None if found is None else (found, session)
+        if found is None:
+            return None
+        self.seen_s.pop(found.name, None)
+        self.seen_s[found.name] = time.monotonic()
+        if len(self.seen_s) > _MOST_SEEN:
+            del self.seen_s[next(iter(self.seen_s))]
+        return found, session
 
     def is_valid(self, session: Session) -> bool:
         """Return True until the session expires or is ended at any gateway."""

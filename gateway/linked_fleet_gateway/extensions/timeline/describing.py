@@ -1,13 +1,12 @@
 """A timeline as triples, in plain JSON and as CSV. Pure."""
 
-import csv
-import io
 import json
 from collections.abc import Iterator, Sequence, Set
 
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.api import DCTERMS, RDFS, Graph, integer, robot_path, timestamp
+from linked_fleet_gateway.base.spreadsheet import csv_table
 from linked_fleet_gateway.extensions.timeline.activity import Activity
 from linked_fleet_gateway.extensions.timeline.collecting import Chronicle
 from linked_fleet_gateway.extensions.timeline.terms import LF, state_term
@@ -18,8 +17,6 @@ PATH = "/timeline"
 MOST_ROBOTS = 200
 """Robots that are named although they have done nothing, those that have among them."""
 _COLUMNS = ("begin", "end", "planned", "latest start", "kind", "title", "state", "who", "robots", "address")
-_FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""What begins a formula in spreadsheets."""
 
 
 def steps(graph: Graph, base: str, found: Chronicle, robots: Sequence[str]) -> Iterator[None]:
@@ -127,12 +124,7 @@ def _time(stamp_ns: int | None) -> str:
 
 def timeline_csv(base: str, found: Chronicle) -> bytes:
     """Return a timeline as CSV (RFC 4180), one activity in each line."""
-    text = io.StringIO(newline="")
-    write = csv.writer(text, lineterminator="\r\n")
-    write.writerow(_COLUMNS)
-    for each in found.activities:
-        write.writerow(map(_cell, _line(base, each)))
-    return text.getvalue().encode()
+    return csv_table(_COLUMNS, (_line(base, each) for each in found.activities))
 
 
 def _line(base: str, activity: Activity) -> tuple[str, ...]:
@@ -142,8 +134,3 @@ def _line(base: str, activity: Activity) -> tuple[str, ...]:
         begin, _end(activity), planned, latest, activity.kind, activity.title, activity.state, activity.who, robots,
         base + activity.path,
     )  # fmt: skip
-
-
-def _cell(text: str) -> str:
-    """Return a text that no spreadsheet takes for a formula."""
-    return f"'{text}" if text.lstrip(" ").startswith(_FORMULA) else text

@@ -1,6 +1,5 @@
 """The part of the timeline that a request selects: its query, parsed and written. Pure; times are wall nanoseconds."""
 
-import re
 from collections.abc import Iterable
 from datetime import UTC, datetime
 from urllib.parse import quote
@@ -8,6 +7,7 @@ from urllib.parse import quote
 from msgspec import Struct
 
 from linked_fleet_gateway.api import BadRequest
+from linked_fleet_gateway.base.instants import parse_instant
 
 SECOND_NS = 1_000_000_000
 HOUR_NS = 3600 * SECOND_NS
@@ -16,8 +16,6 @@ MOST_NS = 7 * 24 * HOUR_NS
 LEAST_NS = SECOND_NS
 _NAMES = ("from", "until", "robot")
 _MOST_NAME = 256
-_YEARS = (1970, 2200)
-_TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+ -]\d\d:\d\d)", re.ASCII)
 
 
 class Window(Struct, frozen=True):
@@ -43,8 +41,8 @@ def parse_window(query: Iterable[tuple[str, str]], now_ns: int) -> Window:
         raise BadRequest("The parameters of the timeline are from, until, robot and as, each at most once.")
     if len(robot := said.get("robot", "")) > _MOST_NAME or ("robot" in said and not robot):
         raise BadRequest(f"robot is the name of a robot, of 1 to {_MOST_NAME} characters.")
-    begin = _time("from", said["from"]) if "from" in said else None
-    end = _time("until", said["until"]) if "until" in said else None
+    begin = parse_instant("from", said["from"]) if "from" in said else None
+    end = parse_instant("until", said["until"]) if "until" in said else None
     return _checked(Window(*_span(begin, end, now_ns), robot))
 
 
@@ -64,23 +62,6 @@ def _checked(window: Window) -> Window:
     if window.length_ns > MOST_NS:
         raise BadRequest("A timeline is of 7 days at most: from and until are further apart.")
     return window
-
-
-def _time(name: str, text: str) -> int:
-    found = _TIME.fullmatch(text)
-    try:
-        if found is None:
-            raise ValueError
-        # an unescaped plus sign has been decoded to a space
-        instant = datetime.fromisoformat(found[1] + found[3].replace(" ", "+")).astimezone(UTC)
-        if not _YEARS[0] <= instant.year < _YEARS[1]:
-            raise ValueError
-    except (ValueError, OverflowError):
-        example, years = "2026-11-22T10:00:00Z", f"{_YEARS[0]} to {_YEARS[1]}"
-        raise BadRequest(
-            f"{name} is a time of the years {years} with its zone, such as {example}, not {text[:40]!r}."
-        ) from None
-    return int(instant.timestamp()) * SECOND_NS + int((found[2] or "0").ljust(9, "0"))
 
 
 # -- other windows ----------------------------------------------------------------------------------------------------

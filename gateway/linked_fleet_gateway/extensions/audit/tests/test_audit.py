@@ -1,5 +1,6 @@
 """Actions are recorded in the audit, which administrators of everything can read."""
 
+import html
 import socket
 from pathlib import Path
 
@@ -22,7 +23,7 @@ def noted(browser: Browser, root: str) -> list[tuple[str, str, str]]:
     found, url = [], root + "audit"
     while url:
         graph = rdflib.Graph().parse(data=browser.http.get(url).text, format="turtle", publicID=url)
-        here = URIRef(url)
+        here = URIRef(root + "audit")
         for entry in graph.objects(here, LDP.contains):
             who = graph.value(graph.value(entry, PROV.wasAssociatedWith), DCTERMS.title)
             found.append((str(who), str(graph.value(entry, DCTERMS.title)), str(graph.value(entry, LF.status))))
@@ -49,10 +50,47 @@ def test_commands_and_subscriptions_are_noted(here: AuthenticatedGateway) -> Non
         }
         eventually(lambda: expected <= set(noted(browser, here.root)), "all of it noted")
         assert not [each for each in noted(browser, here.root) if "hall-9" in each[1]]
+        found = browser.http.get(here.root + "audit", params={"who": "reader", "as": "json"}).json()["entries"][0]
+        assert found["status"] == 403 and "stop" in found["reason"] and found["targetAddress"] == stop
+        page = browser.http.get(here.root + "audit", params={"who": "reader"}, headers={"accept": "text/html"}).text
+        assert found["reason"].split(";")[0] in html.unescape(page)
+        lines = browser.http.get(here.root + "audit", params={"who": "reader", "as": "csv"}).text.splitlines()
+        assert lines[0].startswith("time,who,what,target") and "reader,POST" in lines[1]
         said = browser.http.get(here.root + "audit").text
         assert "the-stop" in said and answer.headers["location"].rpartition("/")[2] in said
     assert here.gateway is not None
     here.gateway.said(f"gateway.audit: all: POST {path} 204")
+
+
+def test_subscriptions_of_pages_are_shown_on_demand(here: AuthenticatedGateway) -> None:
+    """A browser sends the address of the page; programs do not."""
+    with here.browsing("all") as browser:
+        robot = browser.robot(SEEN)
+        token = f"Bearer {here.tokens['all']}"
+        with Socket(robot.url, Authorization=token, Origin=here.root.rstrip("/"), X_Request_Id="a-page") as listening:
+            listening.raw()
+        url = here.root + "audit?as=json"
+
+        def by_page() -> list[dict[str, object]]:
+            return [each for each in browser.http.get(url + "&pages=on").json()["entries"] if each["byPage"]]
+
+        assert eventually(lambda: len(by_page()) >= 2, "both ends of it noted")
+        ids = {each["id"] for each in by_page()}
+        assert not ids & {each["id"] for each in browser.http.get(url).json()["entries"]}
+
+
+def test_links_lead_to_what_there_is(here: AuthenticatedGateway) -> None:
+    with here.browsing("all") as browser:
+        stop = browser.action(browser.robot(SEEN), LF.StopRobot)
+        made = browser.http.post(stop).headers["location"]
+
+        def entry() -> dict[str, object]:
+            found = browser.http.get(here.root + "audit", params={"as": "json", "text": made.rpartition("/")[2]}).json()
+            return next((each for each in found["entries"] if each["what"] == "POST"), {})
+
+        assert eventually(entry, "the stop noted")["resultAddress"] == made
+        assert browser.http.delete(made).status_code == 204
+        assert "resultAddress" not in entry() and entry()["result"]
 
 
 def test_a_target_that_is_no_path_is_noted_as_it_was(here: AuthenticatedGateway) -> None:
@@ -75,6 +113,7 @@ def test_more_than_a_page_is_linked(here: AuthenticatedGateway) -> None:
             assert browser.http.post(stop, headers={"prefer": "dry-run"}).status_code == 200
         eventually(lambda: len(noted(browser, here.root)) >= before + 105, "all pages")
         assert browser.http.get(here.root + "audit/x").status_code == 404
+        assert browser.http.get(here.root + "audit", params={"before": "x"}).status_code == 400
         page = browser.http.get(here.root + "audit", headers={"accept": "text/html"})
         assert page.status_code == 200 and "Audit" in page.text
 

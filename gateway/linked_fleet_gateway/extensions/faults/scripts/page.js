@@ -10,7 +10,7 @@ import { RDF_TYPE, TITLE, lf, localName } from "../../pages/scripts/src/vocabula
 import { offerTelling, tell } from "./telling.js";
 
 const LINK = '.sections a[href$="/faults"]';
-const CARDS = "#robots li[data-robot]";
+const CARDS = "#robots [data-robot]";
 const SEVERITIES = ["critical", "error", "warning", "information"];
 const PRESENCES = ["faulty", "offline"]; // worse than a warning, and not as bad as an error
 const WELL = 9;
@@ -93,14 +93,15 @@ function showCards() {
     card.dataset.trouble = String(Math.min(presence, ...own.map(rank)));
   }
   const ordered = [...cards].sort((one, other) => Number(one.dataset.trouble) - Number(other.dataset.trouble));
-  if (ordered.some((card, index) => card !== cards[index])) cards[0].parentElement.append(...ordered);
+  const byTrouble = document.querySelector('#robots[data-sort="trouble"]');
+  if (byTrouble && ordered.some((card, index) => card !== cards[index])) cards[0].parentElement.append(...ordered);
 }
 
 function show(card, own) {
   const text = own.length > 1 ? `${own[0].title} (and ${own.length - 1} more)` : own[0]?.title ?? "";
-  const line = card.querySelector(".trouble") ?? card.appendChild(Object.assign(document.createElement("p"), { className: "trouble" }));
-  line.hidden = !own.length;
-  if (line.textContent === text) return;
+  const line = card.querySelector(".trouble");
+  if (line.hidden === Boolean(own.length)) line.hidden = !own.length;
+  if (line.textContent === text && line.querySelector("a")?.href === own[0]?.iri) return;
   const link = Object.assign(document.createElement("a"), { href: own[0]?.iri ?? "", textContent: text });
   line.replaceChildren(...(own.length ? [link] : []));
   line.dataset.severity = own[0]?.severity ?? "";

@@ -8,7 +8,6 @@ let known;
 export function offerTelling() {
   const place = document.getElementById("telling");
   if (!place) return;
-  place.hidden = false;
   const box = place.querySelector("input");
   box.checked = localStorage.getItem(CHOICE) === "on";
   box.addEventListener("change", async () => {

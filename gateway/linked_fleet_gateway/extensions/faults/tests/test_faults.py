@@ -68,7 +68,8 @@ class Scene:
 def scene(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Scene]:
     with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre, contextlib.ExitStack() as stack:
         agent = stack.enter_context(process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", centre.endpoint))
-        one, other = stack.enter_context(gateways(centre, memory.url))
+        own = ("--state-dir", str(tmp_path_factory.mktemp("state")))
+        one, other = stack.enter_context(gateways(centre, memory.url, flags=own))
         live(one.browser, "ur5")
         live(other.browser, "ur5")
         yield Scene(one, other, centre, agent)

@@ -1,8 +1,9 @@
 // The builder of missions: an outline of steps, the fields of one of them, parameters, and what the gateway says of all.
 
 import { send } from "../../pages/scripts/src/request.js";
-import { button, element, field } from "./elements.js";
-import { fetchActions, fetchMissions, fetchRobots, homeOf } from "./fleet_offer.js";
+import { button, element, field } from "../../pages/scripts/src/elements.js";
+import { fetchActions, fetchRobots } from "../../pages/scripts/src/fleet_offer.js";
+import { fetchMissions, homeOf } from "./mission_offer.js";
 import { KINDS, at, copyOf, emptyMission, find, fresh, groupsOf, holdsSteps, insert, jsonOf, missionOf, move, placeFor, remove, rename } from "./mission_tree.js";
 import { Outline, placeInWords } from "./outline.js";
 import { parameterTable } from "./parameters.js";
@@ -279,7 +280,7 @@ export class Builder {
 
   // -- what the fleet offers ----------------------------------------------------------------------------------------
 
-  /** @returns {Promise<import("./fleet_offer.js").Offered[]>} */
+  /** @returns {Promise<import("../../pages/scripts/src/fleet_offer.js").Offered[]>} */
   offeredBy(home) {
     if (!this.offers.has(home)) {
       const asked = home === this.missions ? fetchMissions(home, this.iri) : fetchActions(this.query, home, home !== this.root);

@@ -1,6 +1,6 @@
 // The outline of a mission: nested lists of steps, which are moved by pointer and by keys.
 
-import { button, element } from "./elements.js";
+import { button, element } from "../../pages/scripts/src/elements.js";
 import { KINDS, find, holdsSteps, placeFor, walk } from "./mission_tree.js";
 import { summary } from "./summary.js";
 

@@ -1,6 +1,6 @@
 // The parameters of a mission as a table.
 
-import { button, choice, element } from "./elements.js";
+import { button, choice, element } from "../../pages/scripts/src/elements.js";
 
 const TYPES = { number: "number", integer: "whole number", boolean: "yes or no", text: "text", iri: "thing" };
 const NUMERIC = ["number", "integer"];

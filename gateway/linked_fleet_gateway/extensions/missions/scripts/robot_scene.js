@@ -3,7 +3,7 @@
 import { drawing, ghost } from "../../pages/scripts/src/ghost.js";
 import { whenWanted } from "../../pages/scripts/src/lazy_scene.js";
 import { playBar } from "../../pages/scripts/src/planned_path.js";
-import { button, element } from "./elements.js";
+import { button, element } from "../../pages/scripts/src/elements.js";
 import { waypointsOf } from "./rehearsal.js";
 
 export class RobotView {

@@ -1,8 +1,8 @@
 // What a step says: the fields of its kind, and for an action the form that is made of its shape.
 
-import { fetchForm, fill, hasFields, markField, offerVariables, read } from "./action_input.js";
-import { button, choice, element, field } from "./elements.js";
-import { homeOf } from "./fleet_offer.js";
+import { fetchForm, fill, hasFields, markField, offerVariables, read } from "../../pages/scripts/src/action_input.js";
+import { button, choice, element, field } from "../../pages/scripts/src/elements.js";
+import { homeOf } from "./mission_offer.js";
 import { KINDS, groupsOf, variablesOf } from "./mission_tree.js";
 import { stepButtons } from "./outline.js";
 import { nameOf } from "./summary.js";

@@ -10,6 +10,7 @@ from playwright.sync_api import expect
 from accessibility import violations_in_both_schemes
 from browser import Browser
 from page_user import PageUser, using_page
+from running import eventually
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -60,3 +61,86 @@ def test_a_fault_is_counted_shown_first_and_acknowledged(client: Browser, user: 
     page.locator("#cleared tbody a", has_text="rattles").click()
     expect(page.locator("main")).to_contain_text("cleared")
     assert violations_in_both_schemes(page) == []
+
+
+TELLING = """
+    window.told = [];
+    window.Notification = class {
+        static permission = "granted";
+        static requestPermission = async () => "granted";
+        constructor(title, { body }) { window.told.push(`${title}: ${body}`); }
+    };
+    const start = OscillatorNode.prototype.start;
+    OscillatorNode.prototype.start = function (...when) {
+        window.told.push("a sound");
+        start.apply(this, when);
+    };
+"""
+
+
+def test_new_faults_are_told_by_sound_and_notification_if_the_reader_has_chosen_so(
+    client: Browser, user: PageUser
+) -> None:
+    page = user.page
+    page.context.add_init_script(TELLING)
+    page.goto(f"{client.root}ur5/")
+    shown = page.locator(".sections .attention")
+    before = 0 if shown.count() == 0 or shown.is_hidden() else int(shown.inner_text())
+    told(client, "ur5", "error")
+    expect(shown).not_to_have_text(str(before))
+    assert page.evaluate("window.told") == []
+    page.goto(f"{client.root}faults")
+    page.get_by_label("Tell me of new faults").check()
+    assert page.evaluate("window.told") == ["a sound"]  # what it will be like
+    page.goto(client.root)
+    expect(shown).to_be_visible()  # the faults that are known are no news
+    assert page.evaluate("window.told") == []
+    told(client, "panda", "critical")
+    eventually(lambda: page.evaluate("window.told.length > 1"), "a sound and a notification")
+    assert page.evaluate("window.told") == ["a sound", "Linked Fleet: panda rattles."]
+
+
+def test_the_table_is_sorted_filtered_and_tagged_by_its_address(client: Browser, user: PageUser) -> None:
+    page = user.page
+    page.goto(client.root)
+    page.get_by_role("link", name="Table", exact=True).click()
+    page.get_by_role("link", name="Robot", exact=True).click()
+    expect(page).to_have_url(client.root + "?view=table&sort=name")
+    rows = page.locator("table.fleet tbody tr")
+    assert [each.get_attribute("data-name") for each in rows.all()] == ["panda", "ur5"]
+    expect(page.get_by_role("columnheader", name=re.compile("^Robot"))).to_have_attribute("aria-sort", "ascending")
+    page.get_by_label("Choose all robots").check()
+    expect(page.locator("#chosen")).to_have_text("2 chosen")
+    page.get_by_role("button", name="Add a tag").click()
+    dialog = page.get_by_role("dialog", name="Which tag do 2 robots get?")
+    dialog.get_by_label("Tag").fill("hall 3")
+    dialog.get_by_role("button", name="Add the tag").click()
+    expect(page.locator("#group-results li")).to_have_text(["panda: done", "ur5: done"])
+    page.get_by_label("Choose panda").uncheck()
+    page.get_by_role("button", name="Remove a tag").click()
+    page.get_by_label("Tag").last.fill("hall 3")
+    page.get_by_role("button", name="Remove the tag").click()
+    expect(page.locator("#group-results li")).to_have_text(["ur5: done"])
+    page.get_by_role("button", name="Stop", exact=True).click()
+    expect(page.locator("#group-results li")).to_have_text(["ur5: done"])
+    page.locator("#filter-text").fill("hall")
+    expect(rows).to_have_count(1)
+    expect(page).to_have_url(client.root + "?view=table&sort=name&text=hall")
+    expect(rows.first).to_contain_text("hall 3")
+    assert violations_in_both_schemes(page) == []
+    page.goto(client.root)  # the reader's choice is remembered
+    expect(page).to_have_url(client.root + "?view=table")
+    expect(rows).to_have_count(2)
+
+
+def test_the_table_works_without_scripts(client: Browser, chromium: Chromium) -> None:
+    context = chromium.new_context(java_script_enabled=False)
+    page = context.new_page()
+    page.goto(client.root + "?view=table")
+    page.get_by_label("Search").fill("panda")
+    page.get_by_role("button", name="Filter").click()
+    expect(page.locator("table.fleet tbody tr")).to_have_count(1)
+    page.get_by_role("link", name="Link", exact=True).click()
+    expect(page).to_have_url(client.root + "?view=table&sort=link&text=panda")
+    expect(page.locator("table.fleet tbody tr")).to_have_count(1)
+    context.close()

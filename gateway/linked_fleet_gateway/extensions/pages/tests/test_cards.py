@@ -32,7 +32,7 @@ def test_a_card_says_what_a_robot_does_how_far_it_is_and_for_whom(browser: Brows
     answer = put(browser, str(browser.robot("ur5").one(LF.lease)), control("Ada <3", 60))
     token = answer.headers["lock-token"]
     assert browser.http.put(f"{browser.root}ur5/availability", json={"inService": False, "reason": "worn"}).is_success
-    assert "controlled by <bdi>Ada &lt;3</bdi>" in card(browser)
+    assert "controlled by </span><bdi>Ada &lt;3</bdi>" in card(browser)
     assert "out of service: <bdi>worn</bdi>" in card(browser)
     body = {"value": 2.0, "unit": RAD, "speedScale": 0.2}
     turn = f"{browser.root}ur5/wrist_3_joint/actions/rotate"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import httpx
 import pytest
-from playwright.sync_api import Locator, Page, Route, expect
+from playwright.sync_api import Browser, BrowserContext, Locator, Page, Route, expect
 
 from authenticated_gateway import SEEN, AuthenticatedGateway, run_authenticated
 from browser import LF
@@ -239,3 +239,50 @@ def test_a_page_asks_no_more_for_what_it_has_deleted(page: Page, watched: object
     page.get_by_role("button", name="Delete crate").click()
     page.get_by_role("dialog").get_by_role("button", name="Delete").click()
     expect(page).to_have_url(objects)
+
+
+def logged_in(context: BrowserContext, guarded: AuthenticatedGateway, name: str, path: str) -> Page:
+    page = context.new_page()
+    page.goto(guarded.root + path)
+    page.get_by_label("Token", exact=True).fill(guarded.tokens[name])
+    page.get_by_role("button", name="Log in").click()
+    expect(page.locator("#who")).to_have_text(name)
+    return page
+
+
+def test_control_goes_from_hand_to_hand(chromium: Browser, guarded: AuthenticatedGateway) -> None:
+    """One asks, the other hands over, and the first has control with the token that its browser has made."""
+    with chromium.new_context() as first, chromium.new_context() as second:
+        has, asks = (logged_in(each, guarded, name, f"{SEEN}/") for each, name in ((first, "root"), (second, "mover")))
+        has.get_by_role("button", name="Take control").click()
+        expect(has.locator("#control .holder")).to_have_text("You have control.")
+        asks.get_by_role("button", name="Ask for control").click()
+        expect(asks.locator("#control .asking")).to_contain_text("You have asked root for control.")
+        expect(has.locator("#control .asking")).to_contain_text("mover asks for control.")
+        has.get_by_role("button", name="Hand over").click()
+        expect(asks.locator("#control .holder")).to_have_text("You have control.")
+        expect(has.locator("#control .holder")).to_contain_text("mover")
+        asks.get_by_role("button", name="Give back").click()
+        expect(asks.locator("#control .holder")).to_have_text("Nobody has it.")
+
+
+def test_a_guest_sees_why_controls_are_closed(chromium: Browser, guarded: AuthenticatedGateway) -> None:
+    """Also without scripts. The link is shown to its author, and is not in the address afterwards."""
+    with chromium.new_context() as hosts, chromium.new_context(java_script_enabled=False) as guests:
+        host = logged_in(hosts, guarded, "root", "invitations")
+        host.get_by_label("Whom it is for").fill("a visitor")
+        host.get_by_role("button", name="Make a link").click()
+        link = host.get_by_label("Send this link").input_value()
+        expect(host.locator("#invitations")).to_contain_text("a visitor")
+        guest = guests.new_page()
+        guest.goto(link)
+        assert guest.url == guarded.root
+        guest.goto(f"{guarded.root}{SEEN}/actions/moveJoints")
+        expect(guest.locator(SEND)).to_be_disabled()
+        expect(guest.locator(SEND)).to_have_accessible_description(MOVES)
+        expect(guest.locator("form.invoke p.closed")).to_have_text(MOVES)
+        host.get_by_role("button", name="Revoke the invitation for a visitor").click()
+        host.get_by_role("dialog").get_by_role("button", name="Revoke").click()
+        expect(host.locator("#invitations")).to_contain_text("Nobody is invited.")
+        guest.goto(guarded.root)
+        expect(guest.get_by_label("Token", exact=True)).to_be_visible()

@@ -182,12 +182,15 @@ def test_a_phone_draws_the_world_when_it_is_asked_for(chromium: Browser, client:
     context.close()
 
 
-def test_robots_that_nobody_has_placed_are_counted(page: Page, watched: object, tmp_path: Path) -> None:
+def test_robots_are_shown_side_by_side_while_nobody_has_placed_any(page: Page, watched: object, tmp_path: Path) -> None:
     place = Place(tmp_path)
     with place.gateway() as (_, client), place.ur5():
         live(client, "ur5")
         page.goto(client.root)
-        expect(page.locator(".scene-badge")).to_have_text("Without a place in the world: 1 of the robots")
+        badge = page.locator(".scene-badge")
+        expect(badge).to_have_text("Nobody has placed the robots: they are shown side by side. Place them")
+        expect(page.locator(".scene-names a")).to_contain_text("ur5")
+        expect(badge.get_by_role("link", name="Place them")).to_have_attribute("href", f"{client.root}world")
         body = f"{PREFIXES}<> lf:position [ maths:x 0 ; maths:y 0 ; maths:z 0 ; vom:unit unit:M ] ."
         assert client.http.put(str(client.robot("ur5").one(LF.placement)), content=body, headers=TURTLE).is_success
         page.reload()

@@ -22,11 +22,18 @@ def rules(page: Page, watched: object, client: Client) -> Iterator[Page]:
     container = str(client.page(client.root).one(LF.rules))
     turn(client, 0.0)
     page.goto(container)
-    expect(page.locator(".editor")).to_have_count(2)
+    unfold(page)
     yield page
     page.goto(client.root)
     for rule in client.page(container).graph.objects(None, LDP.contains):
         assert client.http.delete(str(rule)).status_code == 204
+
+
+def unfold(page: Page) -> None:
+    """Open the form in SPARQL, which is folded where rules can be made without it."""
+    expect(page.locator(".composer")).to_be_visible()
+    page.get_by_text("In SPARQL, with examples").click()
+    expect(page.locator(".editor")).to_have_count(2)
 
 
 def turn(client: Client, angle: float) -> None:
@@ -58,6 +65,31 @@ def test_a_rule_is_made_with_one_click_and_seen_to_fire(rules: Page, client: Cli
     assert rules.evaluate("document.documentElement.scrollWidth") == size["width"]
     fired.get_by_role("link", name="Assume pose").click()
     expect(rules.locator("body")).to_have_attribute("data-kind", "invocation")
+
+
+@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+def test_a_rule_is_made_without_sparql(rules: Page, watched: Any, client: Client, size: ViewportSize) -> None:
+    """When a value passes a number for a time, then an action, whose form is the usual one. It fires, and names why."""
+    rules.set_viewport_size(size)
+    rules.reload()
+    composer = rules.locator(".composer")
+    composer.get_by_label("robot", exact=True).select_option(label="ur5: UR5, a six-axis arm")
+    composer.get_by_label("value", exact=True).select_option(label="wrist_3_joint rotation")
+    composer.get_by_label("who does it", exact=True).select_option(label="ur5: UR5, a six-axis arm")
+    composer.get_by_label("what", exact=True).select_option(label="assume pose")
+    composer.get_by_role("button", name="Save this rule").click()
+    expect(composer.locator(".error:visible").last).to_contain_text("A number is needed")
+    composer.get_by_label("with", exact=True).fill("1")
+    expect(composer).to_contain_text("57.3°")
+    composer.get_by_label("for seconds", exact=True).fill("0.2")
+    composer.locator("select[data-path$='#poseName']").select_option("upright")
+    assert rules.evaluate("document.documentElement.scrollWidth") == size["width"]
+    composer.get_by_role("button", name="Save this rule").click()
+    title = "When wrist_3_joint rotation of ur5 is above 1 rad for 0.2 s: assume pose"
+    expect(composer.locator("output")).to_contain_text(f"Done: {title}")
+    expect(row(rules).locator(".state")).to_have_text("active")
+    turn(client, 1.2)
+    expect(row(rules).locator(".state")).to_have_text(["active", "accepted"])
 
 
 def test_a_switch_disables_a_rule_and_enables_it(rules: Page, client: Client) -> None:
@@ -153,7 +185,7 @@ def test_line_numbers_are_beside_their_lines(rules: Page, size: ViewportSize) ->
     """Also beside lines that are wrapped, of editors that nobody has scrolled to, and of a text that was replaced."""
     rules.set_viewport_size(size)
     rules.reload()
-    expect(rules.locator(".editor")).to_have_count(2)
+    unfold(rules)
 
     def numbered() -> bool:
         found = [editor.evaluate(NUMBERED) for editor in rules.locator(".editor").all()]

@@ -1,5 +1,6 @@
 // Rules: switches, an editor that tries a condition before it is saved, and the outcomes of firings.
 
+import { compose } from "./composer.js";
 import { send } from "../../pages/scripts/src/request.js";
 import { notice } from "../../pages/scripts/src/notice.js";
 import { write } from "../../pages/scripts/src/ntriples.js";
@@ -21,9 +22,12 @@ export function start() {
   /** @type {HTMLFormElement | null} */
   const form = document.querySelector("form.rule");
   if (form) edit(form);
+  /** @type {HTMLElement | null} */
+  const place = document.querySelector("[data-composer]");
+  if (form && place) compose(form, place, (names) => several(form.querySelector(".repeat:has(template)"), names)).catch((error) => console.debug("rules cannot be composed at present:", error));
   adopt(showFirings);
-  const place = document.querySelector("[data-firings]");
-  if (place) watch(place.dataset.firings, {}, () => showFirings());
+  const fired = document.querySelector("[data-firings]");
+  if (fired) watch(fired.dataset.firings, {}, () => showFirings());
 }
 
 /** @param {HTMLFormElement} form */

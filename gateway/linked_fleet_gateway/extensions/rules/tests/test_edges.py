@@ -3,7 +3,7 @@
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from linked_fleet_gateway.extensions.rules.edges import MOST_ROWS, UnusableResult, edge, rows_by_key
+from linked_fleet_gateway.extensions.rules.edges import MOST_ROWS, UnusableResult, edge, ripe, rows_by_key
 
 ONE = {"arm": NamedNode("http://fleet/one"), "angle": Literal(1.0)}
 OTHER = {"arm": NamedNode("http://fleet/other"), "angle": Literal(1.0)}
@@ -21,6 +21,26 @@ def test_rows_begin_one_by_one() -> None:
     before = set(rows_by_key([ONE]))
     change = edge(before, rows_by_key([OTHER, ONE]))
     assert [row for _, row in change.began] == [OTHER] and not change.ended
+
+
+@pytest.mark.parametrize(
+    ("before", "since_s", "holds_for_s", "kept", "due_s"),
+    [
+        ([], [10.0, 10.0], 0.0, [0, 1], None),
+        ([], [10.0, 8.0], 5.0, [], 13.0),
+        ([], [5.0, 8.0], 5.0, [0], 13.0),
+        ([1], [10.0, 10.0], 5.0, [1], 15.0),
+        ([0, 1], [10.0, 10.0], 5.0, [0, 1], None),
+    ],
+    ids=["at once", "both wait", "one is ripe", "one held before", "both held before"],
+)
+def test_rows_are_ripe_after_a_time(
+    before: list[int], since_s: list[float], holds_for_s: float, kept: list[int], due_s: float | None
+) -> None:
+    keys = list(now := rows_by_key([ONE, OTHER]))
+    since = dict(zip(keys, since_s, strict=True))
+    found, due = ripe(now, {keys[each] for each in before}, since, 10.0, holds_for_s)
+    assert (list(found), due) == ([keys[each] for each in kept], due_s)
 
 
 def test_the_order_of_an_answer_does_not_matter() -> None:

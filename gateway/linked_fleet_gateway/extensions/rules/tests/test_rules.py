@@ -111,6 +111,20 @@ def test_a_firing_within_the_interval_is_suppressed_for_good(scene: Scene) -> No
     assert len(firings(scene.one.browser, rule)) == 2
 
 
+def test_an_answer_that_goes_too_soon_does_not_fire(scene: Scene) -> None:
+    """It has to be there for the time that the rule says, each time anew."""
+    rule = scene.rule('lf:holdsFor 5 ; lf:toldApartBy "side"')
+    assert str(scene.one.browser.page(rule).one(LF.holdsFor)) == "5.0"
+    scene.turn(1.5)
+    time.sleep(3)
+    scene.turn(0.5)
+    begun_s = time.monotonic()
+    assert fired(scene.one.browser, rule, 1) == [("accepted", "down")]
+    assert time.monotonic() - begun_s >= 5
+    scene.turn(1.5)
+    assert fired(scene.one.browser, rule, 2)[1:] == [("accepted", "up")]
+
+
 def test_a_refused_action_is_recorded_in_the_firing(scene: Scene) -> None:
     rule = scene.rule(body="vom:numericalValue 99 ; vom:unit unit:RAD")
     scene.turn(1.5)

@@ -58,7 +58,7 @@ export class Standing {
 
   /** Fetch the model once the robot is placed and online: its meshes come from its agent. */
   wake() {
-    if (!this.met || this.offline || !(this.stood || this.drafted)) return undefined;
+    if (!this.met || this.offline || !(this.stood || this.drafted || this.lent)) return undefined;
     this.begun ??= this.load(this.world.ending.signal).catch((error) => this.world.lacks(this, error));
     return this.begun;
   }
@@ -105,6 +105,14 @@ export class Standing {
   stand(pose) {
     this.stood = pose;
     this.arrange();
+    this.world.lineUp();
+  }
+
+  /** Show it at a place that is lent to it while it has none of its own. */
+  lend(pose) {
+    if (Boolean(this.lent) === Boolean(pose)) return;
+    this.lent = pose;
+    this.arrange();
   }
 
   /** Show it at a draft placement; without a pose, at its own. */
@@ -115,7 +123,7 @@ export class Standing {
 
   arrange() {
     this.wake();
-    const pose = this.drafted ?? this.stood;
+    const pose = this.drafted ?? this.stood ?? this.lent;
     this.place.visible = Boolean(pose);
     if (pose) put(this.place, pose);
     this.place.updateMatrixWorld(true);

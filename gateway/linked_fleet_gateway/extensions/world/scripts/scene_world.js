@@ -20,6 +20,8 @@ const HAS_PART = "http://purl.org/dc/terms/hasPart";
 const AHEAD = "200px"; // prepares a section before it is scrolled into view
 const MOST_ROBOTS = 40; // each needs a model and a stream of frames
 const ABOVE_FLOOR_M = 0.2;
+const APART_M = 2; // robots without a place, in rows
+const IN_A_ROW = 5;
 
 /**
  * Draw the world in this section, as `data-world` describes it, with the objects of `data-objects`.
@@ -45,6 +47,7 @@ class WorldScene {
     this.all.add(this.objects);
     /** @type {HTMLElement|undefined} */
     this.left = undefined;
+    this.undrawn = 0;
     this.phase("loading");
     this.start().catch((error) => this.fail(error));
   }
@@ -112,18 +115,35 @@ class WorldScene {
       this.all.add(robot.place);
       this.labels.add(robot);
     }
-    this.tellLeft(described.length - drawable.length, described.filter((iri) => !placed(iri)).length);
+    this.undrawn = described.length - drawable.length;
+    this.lineUp();
     this.listen();
     await this.labels.first;
     await Promise.all(fresh.map((robot) => robot.meet()));
   }
 
-  /** Show how many robots are not drawn: above the limit, or without a placement. */
-  tellLeft(count, unplaced) {
+  /** Where no robot has a place in the world, show them side by side, except on the page where they get their places. */
+  lineUp() {
+    const all = [...this.robots.values()];
+    const without = all.filter(({ stood }) => !stood);
+    const aside = !("arranged" in this.section.dataset) && without.length > 0 && without.length === all.length;
+    all.forEach((robot, index) => {
+      const place = [APART_M * (index % IN_A_ROW), -APART_M * Math.floor(index / IN_A_ROW), 0];
+      robot.lend(aside ? { position: place, orientation: [0, 0, 0, 1] } : undefined);
+    });
+    this.section.toggleAttribute("data-aside", aside);
+    this.tellLeft(this.undrawn, without.length, aside);
+  }
+
+  /** Show how many robots are not drawn, above the limit or without a placement, or that their places mean nothing. */
+  tellLeft(count, unplaced, aside) {
+    if (!this.labels) return;
     if (!this.left) this.labels.box.after((this.left = Object.assign(document.createElement("p"), { className: "scene-badge" })));
-    const said = [count && `${count} more robots are not drawn`, unplaced && `Without a place in the world: ${unplaced} of the robots`];
-    this.left.hidden = !count && !unplaced;
-    this.left.textContent = said.filter(Boolean).join(" · ");
+    const without = aside ? "Nobody has placed the robots: they are shown side by side. " : `Without a place in the world: ${unplaced} of the robots`;
+    const said = [count && `${count} more robots are not drawn`, unplaced && without].filter(Boolean).join(" · ");
+    this.left.hidden = !said;
+    const link = Object.assign(document.createElement("a"), { href: this.section.dataset.world, textContent: "Place them" });
+    this.left.replaceChildren(said, ...(aside ? [link] : []));
   }
 
   forget(iri, robot) {

@@ -83,6 +83,7 @@ function refused(form, got) {
   const { problem, location } = got;
   const { title, detail, report = [], things = [], names = [], point, retryWith = [] } = problem;
   const left = report.filter((result) => !mark(form, result));
+  if (!report.length) markTerm(form, detail ?? "");
   const parts = [strong(title), detail ? ` ${detail}` : ""];
   const messages = [...new Set(left.map(({ message }) => message).filter(Boolean))].filter((each) => !detail?.includes(each));
   if (messages.length) parts.push(list(messages));
@@ -119,6 +120,13 @@ function mark(form, { path = "", message = "", value = undefined }) {
   const meant = fields.find((each) => value !== undefined && each.value === value) ?? (fields.length === 1 ? fields[0] : undefined);
   if (meant) complain(meant, message);
   return Boolean(meant);
+}
+
+/** Show a refusal without a report at the field of the term that it begins with, such as "lf:condition: …". */
+function markTerm(form, detail) {
+  const term = /^[\w-]+:([\w-]+)/.exec(detail)?.[1];
+  const fields = [...form.querySelectorAll("[data-path]")].filter((each) => term && each.type !== "hidden" && localName(each.dataset.path) === term);
+  if (fields.length === 1) complain(fields[0], detail);
 }
 
 /** How forms of other modules show a response. */

@@ -1,5 +1,7 @@
 // Times as ages, which are updated regularly.
 
+import { adopt } from "./region.js";
+
 const PERIOD_MS = 500;
 const STILL_MS = 10000;
 const MEASURED = "sosa/resultTime";
@@ -69,6 +71,6 @@ export function refresh(time) {
 
 export function start() {
   const all = () => document.hidden || document.querySelectorAll("time[datetime]").forEach(refresh);
-  all();
+  adopt(all); // at once, so that new sections are not painted with longer texts first
   setInterval(all, PERIOD_MS);
 }

@@ -21,6 +21,16 @@ export function proof(iri) {
   return {};
 }
 
+/** Store the token of a control lease that came by another way. */
+export function keep(iri, token) {
+  localStorage.setItem(PREFIX + iri, token);
+}
+
+/** Remove the token of the lease at this address: somebody else has control from now on. */
+export function giveUp(iri) {
+  localStorage.removeItem(PREFIX + iri);
+}
+
 /** Return whether this browser holds the lease at this address. */
 export function holds(iri) {
   return localStorage.getItem(PREFIX + iri) !== null;

@@ -126,8 +126,11 @@ function replaceSelection(event, view) {
  * Within one frame it is laid out in sight, and back in its place before that is painted.
  */
 function measure(host, view) {
+  const place = document.createElement("div"); // keeps its place meanwhile
+  place.style.height = `${host.offsetHeight}px`;
+  host.before(place);
   Object.assign(host.style, { position: "fixed", insetBlockStart: "0", width: `${host.offsetWidth}px`, visibility: "hidden" });
-  view.requestMeasure({ read: () => {}, write: () => host.removeAttribute("style") });
+  view.requestMeasure({ read: () => {}, write: () => (host.removeAttribute("style"), place.remove()) });
 }
 
 /** Update the editor after the text area's text was replaced. */

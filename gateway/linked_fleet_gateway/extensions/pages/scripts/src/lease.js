@@ -49,6 +49,7 @@ function leaseIn(graph, iri) {
 class Control {
   constructor(place) {
     this.iri = place.dataset.lease;
+    this.place = place;
     this.state = place.querySelector(".state");
     this.text = place.querySelector(".holder");
     this.button = place.querySelector("button");
@@ -77,6 +78,8 @@ class Control {
     held(this.iri, state === "held" && !this.mine ? holder : "");
     this.button.hidden = state === "held" && !this.mine;
     this.button.textContent = this.mine ? "Give back" : "Take control";
+    const detail = { lease: this.iri, state, holder, mine: this.mine, look: () => this.look() };
+    this.place.dispatchEvent(new CustomEvent("control", { bubbles: true, detail }));
   }
 
   take() {

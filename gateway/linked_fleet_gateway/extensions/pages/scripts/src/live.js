@@ -11,7 +11,7 @@ import { RESULT_TIME, UNKNOWN, lf, localName } from "./vocabulary.js";
 
 const LIVE = "[data-subject][data-path]:not(figure)";
 // These change but cannot be observed: their page polls.
-const ASKING = new Set(["audit", "subscriptions", "subscription", "lease"]);
+const ASKING = new Set(["subscriptions", "subscription", "lease"]);
 const ASK_AGAIN_MS = 3000;
 // Subscribed without values, which come as small frames.
 const THINGS = new Set(["robot", "joint", "link"]);
@@ -37,7 +37,11 @@ export function follow(follower) {
 export function start() {
   const { resource, observable, kind } = document.body.dataset;
   adopt(collect);
-  if (observable !== undefined && THINGS.has(kind)) {
+  const may = document.body.dataset.may?.split(" ");
+  // Whether the robot of an action is there cannot be observed at the action.
+  if (kind === "action") setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS);
+  if (may && !may.includes("subscribe")) setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS); // such as guests
+  else if (observable !== undefined && THINGS.has(kind)) {
     watch(resource, { depth: "this" }, (graph) => take(resource, graph));
     adopt(properties);
   } else if (observable !== undefined) watch(resource, {}, (graph) => take(resource, graph));

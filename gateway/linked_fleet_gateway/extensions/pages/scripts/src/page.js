@@ -14,6 +14,7 @@ import * as include from "./include.js";
 import * as remove from "./remove.js";
 import * as copy from "./copy.js";
 import * as fleet from "./fleet.js";
+import * as group from "./group.js";
 import * as rows from "./rows.js";
 import * as robotState from "./robot_state.js";
 import * as sliders from "./sliders.js";
@@ -23,7 +24,7 @@ import { whenWanted } from "./lazy_scene.js";
 import { parts } from "extensions";
 
 const ROBOT = [robotState, sliders, poses, lease];
-const FLEET = [fleet, rows];
+const FLEET = [fleet, group, rows];
 const PAGE = [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy];
 for (const part of [...PAGE, ...ROBOT, ...FLEET, ...parts]) {
   try {

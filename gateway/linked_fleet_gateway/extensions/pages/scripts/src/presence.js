@@ -1,6 +1,8 @@
 // Disables controls whose requests would be refused, and says why: without the right, of a robot that is offline or under
 // the control of another, and while the gateway is silent.
 
+import { holds } from "./control.js";
+import { describe } from "./form.js";
 import { adopt } from "./region.js";
 import { onConnection } from "./socket.js";
 
@@ -36,7 +38,7 @@ export function start() {
 
 /** Note that somebody else has control by this lease, or nobody else for an empty name. */
 export function held(/** @type {string} */ lease, /** @type {string} */ holder) {
-  if ((holders.get(lease) ?? "") === holder) return;
+  if (holders.get(lease) === holder) return;
   holders.set(lease, holder);
   apply();
 }
@@ -53,7 +55,9 @@ export function apply() {
   for (const form of document.querySelectorAll("form[data-needs]")) close(form, forbidden(form) || refused(form, state));
   for (const button of document.querySelectorAll("button[data-needs]")) {
     const reason = forbidden(button);
-    if (reason) Object.assign(button, { disabled: true, title: reason });
+    if (!reason) continue;
+    Object.assign(button, { disabled: true, title: reason });
+    button.setAttribute("aria-description", reason);
   }
 }
 
@@ -69,18 +73,31 @@ function refused(form, state) {
     if (UNHEARD[connection]) return UNHEARD[connection];
     if (state === "offline") return OFFLINE;
   }
-  const holder = holders.get(leaseOf(form) ?? "");
+  const holder = holderOf(leaseOf(form) ?? "");
   return holder ? `${holder} has control of the robot: this would be refused.` : "";
 }
 
+/** Return who else has control, as the served page knows it until it is asked for. */
+function holderOf(lease) {
+  if (holders.has(lease)) return holders.get(lease);
+  const { control, holder } = document.body.dataset;
+  return control === lease && holder && !holds(lease) ? holder : "";
+}
+
+let reasons = 0;
+
 function close(form, reason) {
   form.toggleAttribute("data-closed", Boolean(reason));
+  let said = form.querySelector(":scope > p.closed");
+  if (reason && !said) {
+    said = Object.assign(document.createElement("p"), { className: "closed", id: `closed-${++reasons}` });
+    form.append(said);
+  }
+  if (reason && said.textContent !== reason) said.textContent = reason;
   for (const button of form.querySelectorAll("button[type=submit]:not([data-try]), button[data-send]")) {
     button.disabled = Boolean(reason);
     button.title = reason;
+    if (said) describe(button, said.id, Boolean(reason));
   }
-  const said = form.querySelector(":scope > p.closed");
   if (!reason) said?.remove();
-  else if (!said) form.append(Object.assign(document.createElement("p"), { className: "closed", textContent: reason }));
-  else if (said.textContent !== reason) said.textContent = reason;
 }

@@ -1,5 +1,6 @@
 // Buttons that delete a resource after a confirmation.
 
+import { confirmed } from "./confirm.js";
 import { hold, refresh, release } from "./region.js";
 import { notice } from "./notice.js";
 import { send } from "./request.js";
@@ -12,25 +13,11 @@ export function start() {
   });
 }
 
-function ask(button) {
+async function ask(button) {
   const { delete: iri, title } = button.dataset;
-  const dialog = document.createElement("dialog");
   const what = button.ariaLabel ?? `${button.textContent.trim()} ${title ?? iri}`;
-  const question = Object.assign(document.createElement("p"), { textContent: `${what}?` });
-  const form = Object.assign(document.createElement("form"), { method: "dialog", className: "buttons" });
-  for (const [value, textContent, className] of [["no", "Keep it", "quiet"], ["yes", button.textContent.trim(), "danger"]]) {
-    form.append(Object.assign(document.createElement("button"), { value, textContent, className }));
-  }
-  question.id = "question";
-  dialog.setAttribute("aria-labelledby", question.id);
-  dialog.append(question, form);
-  dialog.addEventListener("close", () => {
-    dialog.remove();
-    button.focus();
-    if (dialog.returnValue === "yes") remove(button, iri);
-  });
-  document.body.append(dialog);
-  dialog.showModal();
+  const answer = await confirmed(`${what}?`, { yes: button.textContent.trim(), no: "Keep it", danger: true });
+  if (answer !== undefined) remove(button, iri);
 }
 
 async function remove(button, iri) {

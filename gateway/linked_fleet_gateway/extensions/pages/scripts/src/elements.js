@@ -1,4 +1,4 @@
-// Elements of the page of the builder.
+// Elements that scripts make: fields, buttons and choices.
 
 let count = 0;
 

@@ -1,7 +1,7 @@
-// What steps can do: the actions of robots, of the fleet, and of other missions, as far as the reader may know them.
+// What robots, their parts and the fleet offer, as far as the reader may know it.
 
-import { parse } from "../../pages/scripts/src/ntriples.js";
-import { ACTION, RDF_TYPE, TITLE, lf, segments, words } from "../../pages/scripts/src/vocabulary.js";
+import { parse } from "./ntriples.js";
+import { ACTION, RDF_TYPE, TITLE, lf, segments, words } from "./vocabulary.js";
 
 /** @typedef {{action: string, name: string, thing: string}} Offered */
 
@@ -29,15 +29,8 @@ function offered(thing, action, robot) {
   return { action, name: words(segments(action).at(-1)), thing: inside };
 }
 
-/** @returns {Promise<Offered[]>} the actions by which other missions run */
-export async function fetchMissions(/** @type {string} */ missions, /** @type {string} */ own) {
-  const graph = await fetchGraph(missions);
-  const found = [...graph.subjects.keys()].filter((iri) => iri !== own && graph.values(iri, RDF_TYPE).some(({ value }) => value === lf("Mission")));
-  const named = found.map((iri) => ({ action: `${iri}/actions/run`, name: graph.value(iri, TITLE)?.value ?? iri, thing: "" }));
-  return named.sort((one, other) => one.name.localeCompare(other.name));
-}
-
-async function fetchGraph(iri) {
+/** Return the statements of a resource. Raises an error with a sentence. */
+export async function fetchGraph(iri) {
   const response = await fetch(iri, { headers: { Accept: "application/n-triples" }, cache: "no-cache" });
   if (!response.ok) throw new Error(await said(response));
   return parse(await response.text());
@@ -50,11 +43,4 @@ async function said(response) {
   } catch {
     return response.statusText;
   }
-}
-
-/** Return the robot of an action, or the container of missions, or the fleet. */
-export function homeOf(/** @type {string} */ action, /** @type {string} */ root, /** @type {string} */ missions) {
-  if (action.startsWith(`${missions}/`)) return missions;
-  const [first, ...rest] = action.startsWith(root) ? action.slice(root.length).split("/") : [""];
-  return first === "actions" || !rest.length ? root : `${root}${first}/`;
 }

@@ -1,7 +1,7 @@
 // The form of an action as the input of a step: filled from plain JSON, and read into it. Nothing here invokes the action.
 
-import { complain, fieldsFor, filled, own, partsOf, ready, wrongWith } from "../../pages/scripts/src/form.js";
-import { localName } from "../../pages/scripts/src/vocabulary.js";
+import { complain, fieldsFor, filled, own, partsOf, ready, wrongWith } from "./form.js";
+import { localName } from "./vocabulary.js";
 
 const BOOLEAN = "http://www.w3.org/2001/XMLSchema#boolean";
 const NODE = "fieldset[data-path]";

@@ -1,0 +1,43 @@
+// Invitations: makes one, and shows its link, which the gateway tells once.
+
+import { write } from "../../pages/scripts/src/ntriples.js";
+import { refresh } from "../../pages/scripts/src/region.js";
+import { send } from "../../pages/scripts/src/request.js";
+import { TITLE, lf } from "../../pages/scripts/src/vocabulary.js";
+
+const DATE_TIME = "http://www.w3.org/2001/XMLSchema#dateTime";
+const HOUR_MS = 3_600_000;
+
+export function start() {
+  document.addEventListener("submit", (event) => {
+    const form = event.target;
+    if (!(form instanceof HTMLFormElement) || !form.matches("form.invitation")) return;
+    event.preventDefault();
+    invite(form);
+  });
+}
+
+async function invite(form) {
+  const output = form.querySelector("output.answer");
+  const { title, hours } = Object.fromEntries(new FormData(form));
+  const until = new Date(Date.now() + Number(hours) * HOUR_MS - 1000).toISOString();
+  /** @type {[string, import("../../pages/scripts/src/ntriples.js").Term][]} */
+  const says = [
+    [TITLE, { kind: "literal", value: String(title).trim() }],
+    [lf("expires"), { kind: "literal", value: until, datatype: DATE_TIME }],
+  ];
+  const body = says.map(([predicate, object]) => `_:i ${write({ kind: "iri", value: predicate })} ${write(object)} .\n`).join("");
+  const { problem, graph, location } = await send("POST", document.body.dataset.resource, { body });
+  const link = location && graph?.value(location, lf("invitationLink"))?.value;
+  output.dataset.state = problem ? "error" : "done";
+  if (problem || !link) {
+    output.textContent = `${problem?.title}. ${problem?.detail}`;
+    return;
+  }
+  const field = Object.assign(document.createElement("input"), { id: "invitation-link", readOnly: true, value: link });
+  field.addEventListener("focus", () => field.select());
+  const label = Object.assign(document.createElement("label"), { htmlFor: field.id, textContent: "Send this link. It is shown only now:" });
+  form.reset(); // it would empty the field as well
+  output.replaceChildren(label, field);
+  refresh();
+}

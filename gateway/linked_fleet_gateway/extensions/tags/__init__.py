@@ -1,0 +1,1 @@
+"""Tags of robots: words by which people group them. See README.md."""
