@@ -105,10 +105,14 @@ _DONE = {
     "end stream": "end a stream to",
 }
 
+_BY_EXTENSIONS = {"MISSION": "take a step of a mission", "ORDER": "start an order of the queue"}
+
 
 def described(what: str, path: str) -> str:
     """Describe an audited request in words; ``what`` is its method, or the event of a stream."""
     found = texts.segments(path, "/")
+    if what in _BY_EXTENSIONS:
+        return _BY_EXTENSIONS[what]
     if what == "RULE":
         return f"by a rule: {texts.task(path, '/')}"
     if "actions" in found[:-1] and what in ("PUT", "POST"):

@@ -87,7 +87,7 @@ class Steps:
             except FleetError as error:
                 at = error.headers.get("location", "")
                 state: StepState = "unknown" if at else "failed"
-                self._tell(id, run, path, error.status, at)
+                self._tell(id, run, path, error.status, at, error.detail)
                 await self._record(id, path, each.attempt, state, at, error.detail)
             except Exception:  # of whatever kind: the run must not wait for a step that nobody takes
                 log.exception("step %s of run %s could not be taken", path, id)
@@ -98,11 +98,11 @@ class Steps:
                 await self._record(id, path, each.attempt, "running", invocation_path(invocation), "")
             return
 
-    def _tell(self, id: str, run: Run, path: str, status: int, invocation: str) -> None:
+    def _tell(self, id: str, run: Run, path: str, status: int, invocation: str, reason: str = "") -> None:
         """Tell the audit what a mission has asked for in the name of who runs it."""
         robot, who = robot_of(invocation) or "", run.creator.identity or run.creator.client
-        event = RequestEvent(who, "MISSION", f"/mission-runs/{id}#{path}", robot, status, created=invocation)
-        self._core.tell_of_request(event)
+        at = f"/mission-runs/{id}#{path}"
+        self._core.tell_of_request(RequestEvent(who, "MISSION", at, robot, status, created=invocation, reason=reason))
 
     def _may_start(self, id: str, path: str, attempt: int) -> bool:
         run = self._runs.known.get(id)

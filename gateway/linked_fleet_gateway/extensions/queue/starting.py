@@ -64,7 +64,7 @@ class Starts:
                 if error.status in _LATER:  # asked again with the same key
                     await asyncio.sleep(RETRY_S)
                     continue
-                self._tell(id, order, error.status, "")
+                self._tell(id, order, error.status, "", error.detail)
                 await self._end(id, given, "failed", error.detail)
             except Exception:  # of whatever kind: robots must not be kept for an order that nobody starts
                 log.exception("order %s could not be started", id)
@@ -116,11 +116,11 @@ class Starts:
         statements = self._core.statements(offer, order.base, values) if has_input else ()
         return await self._core.invoke(offer, order.base, caller, statements)
 
-    def _tell(self, id: str, order: Order, status: int, invocation: str) -> None:
+    def _tell(self, id: str, order: Order, status: int, invocation: str, reason: str = "") -> None:
         """Tell the audit what the queue has asked for in the name of who has ordered it."""
         robots = ", ".join(order.robots)
         self._core.tell_of_request(
-            RequestEvent(order.client, "ORDER", f"/queue/{id}", robots, status, created=invocation)
+            RequestEvent(order.client, "ORDER", f"/queue/{id}", robots, status, created=invocation, reason=reason)
         )
 
 

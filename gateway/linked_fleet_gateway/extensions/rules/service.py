@@ -243,7 +243,8 @@ class Rules:
         target = f"{firings_path(rule)}/{number}"
         robot = target_robot(rule, firing)
         status = {FiringState.ACCEPTED: 202, FiringState.UNKNOWN: 504}.get(firing.state, 409)
-        self._tell(RequestEvent(rule.creator or rule.client, "RULE", target, robot, status, created=firing.invocation))
+        who, begun = rule.creator or rule.client, firing.invocation
+        self._tell(RequestEvent(who, "RULE", target, robot, status, created=begun, reason=firing.reason))
 
 
 def _reason_of_stop(rule: Rule, robots: Collection[str] | None) -> str:

@@ -13,6 +13,8 @@ from linked_fleet_gateway.extensions.audit.page import described
         ("subscribe", "/", "subscribe to the fleet"),
         ("DELETE", "/ur5/elbow/actions/rotate/invocations/6f1d2c3b-aaaa", "stop rotate elbow"),
         ("POST", "/world/objects", "add to world objects"),
+        ("MISSION", "/mission-runs/0cdc393b#0.0", "take a step of a mission"),
+        ("ORDER", "/queue/0cdc393b", "start an order of the queue"),
     ],
 )
 def test_a_request_is_described_in_words(what: str, path: str, said: str) -> None:
