@@ -9,7 +9,7 @@ from pyoxigraph import BlankNode, NamedNode, Triple
 from starlette.responses import Response
 
 from linked_fleet_gateway.actions.plan import Caller
-from linked_fleet_gateway.base.errors import BadRequest, Conflict, NotFound
+from linked_fleet_gateway.base.errors import BadRequest, Conflict, InsufficientScope, NotFound
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
 from linked_fleet_gateway.http.fields import field, parse_prefer
 from linked_fleet_gateway.http.lease_tokens import lock_token
@@ -56,6 +56,9 @@ async def change_member(request: Request, afforded: ChangeMember) -> Response:
         present = await resolve_under_preconditions(request, lambda: request.tree().resolve(path))
         if present is None:
             raise NotFound("It has been deleted meanwhile.")
+        held = container.records.known.get(id)
+        if held is not None and not container.owned(held, request.caller, request.caller_name):
+            raise InsufficientScope("Only who has made it may change or delete it.", scope=container.writing[0])
         if request.method == "DELETE":
             await _end_actions(request, container, id)
         record = await change(present)

@@ -99,6 +99,8 @@ class Container(Generic[T]):
     """Rehearses a record that a client would write, with ``serving.Caller``, for ``Prefer: dry-run,
     return=representation``. Returns its duration (s), and a function that adds statements about the node of the
     rehearsal. Raises FleetError."""
+    owned: Callable[[T, Identity, str], bool] = lambda record, caller, client: True
+    """Returns True if a client, by its name, may replace or delete a member."""
     signed: Callable[[T, Identity, str], T] = lambda record, caller, client: record
     """Returns a record with who has written it, if that is kept; ``client`` is the name by which it is counted."""
     facts: "Callable[[Member[T]], object]" = lambda member: None

@@ -16,7 +16,7 @@ PAGE_SIZE = 100
 MOST_ENTRIES = 1000
 """The largest number of entries in one answer."""
 _MOST_TEXT = 200
-_ID = re.compile(r"[0-9]{1,20}-[0-9]{1,20}p?", re.ASCII)
+_ID = re.compile(r"[0-9]{1,19}-[0-9]{1,19}p?", re.ASCII)
 _IN_MINUTES = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d)?", re.ASCII)
 _TEXTS = ("who", "robot", "resource", "action", "text")
 _NAMES = (*_TEXTS, "outcome", "from", "until", "pages", "before", "after", "limit")

@@ -127,7 +127,7 @@ class Search:
 
 def _asked(query: Query) -> list[str]:
     times = ["" if each is None else f"{each:019d}" for each in (query.from_ns, query.until_ns)]
-    words = [each.lower() if each.isascii() else each for each in query.text.split()]
+    words = [each.encode().lower().decode() for each in query.text.split()]  # letters of ASCII alone, as Lua does
     return [query.who, query.robot, query.resource, query.action, query.outcome, *times, *words]
 
 

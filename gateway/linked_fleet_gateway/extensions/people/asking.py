@@ -41,7 +41,8 @@ def container_of(core: Core, records: Table[ControlRequest]) -> Container[Contro
         segment=SEGMENT, title="Requests for control", type=LF.ControlRequests, member_type=LF.ControlRequest,
         records=records, shape=LF.ControlRequestInput, read=read_request, describe=describe_request,
         title_of=lambda each: f"{each.by} asks for control of {each.robot}", writing=(Right.ACT,),
-        check=_check, signed=partial(_signed, core, records), visible=lambda each, sees: sees.includes(each.robot),
+        check=_check, owned=_is_own, signed=partial(_signed, core, records),
+        visible=lambda each, sees: sees.includes(each.robot),
     )  # fmt: skip
 
 
@@ -54,6 +55,11 @@ async def _check(record: ControlRequest, tree: Tree, caller: Identity) -> None:
         raise InsufficientScope("Control of this robot takes the right to act there.", scope=Right.ACT)
     if robot.lease is None:
         raise Conflict("Nobody has control of this robot: take it by PUT of its lease.")
+
+
+def _is_own(record: ControlRequest, caller: Identity, client: str) -> bool:
+    """Return True for who asks: another must not put a request of its own in its place before it is answered."""
+    return record.client == client or caller.has_right(Right.ADMIN, record.robot)
 
 
 def _signed(
@@ -91,19 +97,23 @@ def handlers(core: Core, records: Table[ControlRequest]) -> Mapping[NamedNode, C
             raise Conflict(f"Only who has control of {record.robot} answers this, with its Lock-Token.")
         if not call.caller.identity.has_right(Right.ACT, record.robot):
             raise InsufficientScope("Control of this robot takes the right to act there.", scope=Right.ACT)
+        holder = call.client if robot.lease is None else robot.lease.holder
         if grants and not await core.hand_over_control(
             robot, token, record.token, record.by, LEASE_S, may_be_person=record.may_be_person
         ):
             raise Conflict("Your control has just ended: whoever asked may take it.")
         answered = record.answered("granted" if grants else "refused", call.client, time.time_ns())
-        if not await records.change(id, answered):  # withdrawn meanwhile
+        if records.known.get(id) is not record or not await records.change(id, answered):  # withdrawn meanwhile
             if grants:
-                await core.release_control(robot, record.token)
+                is_person = call.caller.identity.has_right(Right.PERSON, record.robot)
+                await core.hand_over_control(robot, record.token, token, holder, LEASE_S, may_be_person=is_person)
             raise Conflict("This request for control has just been withdrawn.")
         call.accept()
 
     def handle(request: ActionRequest, *, grants: bool) -> Operation:
-        return Operation(lambda call: answer(request.member_id, call, grants=grants))
+        record = records.known.get(request.member_id)
+        about = () if record is None else (record.robot,)
+        return Operation(lambda call: answer(request.member_id, call, grants=grants), about=about)
 
     return {LF.HandOverControl: partial(handle, grants=True), LF.RefuseControl: partial(handle, grants=False)}
 

@@ -7,6 +7,7 @@ import fcntl
 import hashlib
 import logging
 import os
+import re
 import secrets
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ log = logging.getLogger(__name__)
 
 _UNFINISHED = ".new"
 _MOST_SAID = 1000
+_NAME = re.compile(r"[0-9]{20}-[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", re.ASCII)
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,8 @@ def look_up(folder: Path) -> dict[str, dict[str, Recorded]]:
     """Return the recordings by the name of their robot's folder and by id, the oldest first."""
     found: dict[str, dict[str, Recorded]] = {}
     for path in sorted(folder.glob("*/*.mcap")):
+        if not _NAME.fullmatch(path.stem):
+            continue  # what somebody has put there is no recording of this gateway
         found.setdefault(path.parent.name, {})[path.stem.partition("-")[2]] = _recorded(path)
     return found
 

@@ -102,6 +102,7 @@ class Engine:
         """Number of rules disabled because their conditions were too costly."""
         self._tasks: dict[str, asyncio.Task[None]] = {}
         self._due: dict[str, asyncio.Event] = {}
+        self._ripening: dict[str, asyncio.TimerHandle] = {}
         self._queues = Queues()
         self._paces: dict[str, Pace] = {}
         self._seen: set[str] | None = None
@@ -117,6 +118,8 @@ class Engine:
             self._tasks[id] = supervised(partial(self._serve, id), f"rule {id}", log, failed)
         ending = [self._tasks.pop(id) for id in self._tasks.keys() - ids]
         await cancel_tasks(ending)
+        for id in self._ripening.keys() - ids:
+            self._forget_ripening(id)
         self._due = {id: event for id, event in self._due.items() if id in ids}
         self._paces = {id: pace for id, pace in self._paces.items() if id in ids}
         if not ids:
@@ -216,9 +219,14 @@ class Engine:
     ) -> dict[str, Row]:
         """Return the rows that held before or have held for long enough. When the next one has, evaluate."""
         now, due_s = ripe(there, before, since_s, at_s, rule.holds_for_s)
+        self._forget_ripening(rule.id)
         if due_s is not None and (due := self._due.get(rule.id)) is not None:
-            asyncio.get_running_loop().call_later(due_s - at_s, due.set)
+            self._ripening[rule.id] = asyncio.get_running_loop().call_later(due_s - at_s, due.set)
         return now
+
+    def _forget_ripening(self, id: str) -> None:
+        if (timer := self._ripening.pop(id, None)) is not None:
+            timer.cancel()
 
     async def _ask(self, rule: Rule, sees: View, instead: Sequence[HypotheticalRobot] = ()) -> dict[str, Row]:
         pace = self._pace(rule.id)

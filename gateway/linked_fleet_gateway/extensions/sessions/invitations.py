@@ -38,6 +38,7 @@ from linked_fleet_gateway.api import (
     body_type,
     timestamp,
 )
+from linked_fleet_gateway.base.errors import InsufficientScope
 from linked_fleet_gateway.faces import Identity, TokenHash, form_of, validate_body
 from linked_fleet_gateway.rdf.serialise import JSON, TEXT_TYPES
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT
@@ -101,12 +102,17 @@ class Invitations:
         found = [(id, each) for id, each in self._records.known.items() if compare_digest(each.sha256, digest)]
         if not digest or not found:
             raise BadToken("there is no such invitation, or it was revoked")
-        id, invitation = found[0]
+        invitation = found[0][1]
         if invitation.until_ns <= now_ns:
             ended = datetime.fromtimestamp(invitation.until_ns // 1_000_000_000, UTC)
             raise BadToken(f"this invitation ended at {ended:%Y-%m-%d %H:%M} UTC")
-        self._opened(id, invitation)
         return TokenHash(digest)
+
+    def tell_opened(self, credential: TokenHash) -> None:
+        """Tell that the link of an invitation was opened, if it is still there."""
+        for id, each in self._records.known.items():
+            if each.sha256 == credential.sha256:
+                self._opened(id, each)
 
     async def forget_expired(self) -> None:
         """Remove those that expired long ago. Raises RedisUnavailable."""
@@ -155,6 +161,8 @@ def invite(container: Container[Invitation]) -> Callable[[Request, Invite], Awai
 
     async def handle(request: Request, afforded: Invite) -> Response:
         check_acceptable(request)
+        if not request.caller.visible_robots.includes_all:
+            raise InsufficientScope("Guests read all robots; to invite takes the right to do so.", scope=Right.READ)
         media_type, iri = body_type(request, _BODY_TYPES), request.base + PATH
         form = partial(form_of, LF.InvitationInput)
 

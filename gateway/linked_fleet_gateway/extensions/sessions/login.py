@@ -69,6 +69,8 @@ class Login:
 
     def __init__(self) -> None:
         self._failures = TokenBuckets(1 / REFILL_S, burst=FAILURES)
+        self._openings = TokenBuckets(1 / REFILL_S, burst=FAILURES)
+        """Openings by the hash of the link's token: each is in the audit, which has room for so many."""
 
     def serves(self, path: str) -> bool:
         return path in _PAGES
@@ -141,6 +143,9 @@ class Login:
             sentence = str(error)
             failed = f"{sentence[:1].upper()}{sentence[1:]}. Ask who sent it to you for a new one."
             return _page(sessions, "/", None, status=401, failed=failed)
+        if wait_s := math.ceil(self._openings.take(credential.sha256)):
+            raise TooManyLogins(f"This link was opened too often. Try again in {wait_s} s.", retry_after_s=wait_s)
+        sessions.invitations.tell_opened(credential)
         return await _logged_in(request, sessions, credential, "/")
 
     # -- at an issuer -------------------------------------------------------------------------------------------------

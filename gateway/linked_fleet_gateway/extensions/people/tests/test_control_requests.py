@@ -72,6 +72,20 @@ def test_control_is_handed_over(here: AuthenticatedGateway, controlling: tuple[B
         assert asks.http.delete(lease_of(asks), headers={"lock-token": f"<{mine}>"}).status_code == 204
 
 
+def test_nobody_puts_a_request_of_its_own_in_the_place_of_another(
+    here: AuthenticatedGateway, controlling: tuple[Browser, str]
+) -> None:
+    """Its holder would hand over control to somebody else than the one whose name the page shows."""
+    here.add("mallory", "read", "act")
+    here.known("mallory")
+    with here.browsing("actor") as asks, here.browsing("mallory") as other:
+        url = ask(asks).headers["location"]
+        said = f'{_PREFIX} [] lf:ofRobot <{other.root}{SEEN}/> ; lf:controlToken "urn:uuid:{uuid.uuid4()}" .'
+        assert other.http.put(url, content=said, headers=_TURTLE).status_code == 403
+        assert other.http.delete(url).status_code == 403
+        assert asks.http.delete(url).status_code == 204
+
+
 def test_control_is_refused(here: AuthenticatedGateway, controlling: tuple[Browser, str]) -> None:
     has, token = controlling
     with here.browsing("actor") as asks:

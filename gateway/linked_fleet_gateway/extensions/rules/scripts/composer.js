@@ -12,7 +12,7 @@ const VOM = "http://vocab.arvida.de/2015/06/vom/vocab#";
 const HYBRIT = "https://hybr-it-projekt.de/ns/hybr-it#";
 const QUDT = "http://qudt.org/schema/qudt/";
 const OBSERVABLE = "http://www.w3.org/ns/sosa/ObservableProperty";
-const NUMBER = /^[-+]?(\d+([.]\d*)?|[.]\d+)(e[-+]?\d+)?$/i;
+const NUMBER = /^[-+]?(\d+([.]\d+)?|[.]\d+)(e[-+]?\d+)?$/i;
 const UNITS = { RAD: "rad", "RAD-PER-SEC": "rad/s", M: "m", "M-PER-SEC": "m/s", "N-M": "N·m", N: "N", PERCENT: "%", SEC: "s", HZ: "Hz", V: "V", A: "A", DEG_C: "°C", UNITLESS: "" };
 const COMPARISONS = [[">", "is above"], ["<", "is below"], [">=", "is at least"], ["<=", "is at most"], ["=", "is"], ["!=", "is not"]];
 const DEGREES = 180 / Math.PI;

@@ -13,6 +13,7 @@ from rdflib import DCTERMS, URIRef
 from authenticated_gateway import HIDDEN, SEEN, AuthenticatedGateway
 from browser import LF
 from linked_fleet_gateway.extensions.sessions import invitations as module
+from linked_fleet_gateway.extensions.sessions.login import FAILURES
 from running import eventually
 
 pytestmark = pytest.mark.virtual
@@ -98,6 +99,24 @@ def test_revoking_ends_the_sessions_of_guests(here: AuthenticatedGateway) -> Non
         again = client.get(link, headers=_HTML)
         assert again.status_code == 401 and "There is no such invitation, or it was revoked." in again.text
         assert "set-cookie" not in again.headers
+
+
+def test_a_link_is_opened_so_often_at_once(here: AuthenticatedGateway) -> None:
+    """Each opening is in the audit, which must keep room for what others do."""
+    _, link = invited(here)
+    with httpx.Client(timeout=20) as client:
+        for _ in range(FAILURES):
+            assert client.get(link, headers=_HTML).status_code == 303
+            client.cookies.clear()
+        answer = client.get(link, headers=_HTML)
+        assert answer.status_code == 429 and "opened too often" in answer.text
+        assert "set-cookie" not in answer.headers and int(answer.headers["retry-after"]) > 0
+
+
+def test_inviting_takes_the_right_to_read_all_that_guests_see(here: AuthenticatedGateway) -> None:
+    here.add("deputy", "admin")
+    here.known("deputy")
+    invited(here, by="deputy", status=403)
 
 
 def test_the_link_is_told_once(here: AuthenticatedGateway) -> None:
