@@ -1,6 +1,7 @@
 """Leases and settings of robots, and messages between gateways about them and about invocations."""
 
 import asyncio
+import uuid
 from collections.abc import Iterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
@@ -330,3 +331,19 @@ async def test_a_renewal_keeps_the_priority_unless_it_states_one(a: ActionStore,
     assert (renewed.id, renewed.priority) == (lease.id, "program")
     taken, _ = await b.take_lease("r", "Ben", 60, priority="person")
     assert taken.holder == "Ben"
+
+
+async def test_control_is_handed_over_with_a_token_of_the_next_holder(a: ActionStore, b: ActionStore) -> None:
+    """The former token is worth nothing then. The priority of a person stays with one who may have it alone."""
+    lease, token = await a.take_lease("r", "Ada", 60, priority="person")
+    first, second = uuid.uuid4().urn, uuid.uuid4().urn
+    given = await b.hand_over_lease("r", token, first, "Ben", 30, may_be_person=True)
+    assert given is not None and given == await a.read_lease("r") and given.id != lease.id
+    assert (given.holder, given.priority, given.duration_s) == ("Ben", "person", 30)
+    with pytest.raises(LeaseHeld, match="Ben has the lease"):
+        await a.hand_over_lease("r", token, second, "Cy", 30, may_be_person=True)
+    again = await a.hand_over_lease("r", first, second, "Cy", 30, may_be_person=False)
+    assert again is not None and (again.holder, again.priority) == ("Cy", "program")
+    await b.check_lease("r", second)
+    assert await b.release_lease("r", second)
+    assert await b.hand_over_lease("r", second, first, "Ben", 30, may_be_person=True) is None

@@ -24,18 +24,18 @@ class PageUser:
         self.made += 1
         (place.tap if self.touch else place.click)()
 
-    def drag(self, x: float, y: float, right: int) -> None:
+    def drag(self, x: float, y: float, right: float, down: float = 0) -> None:
         self.made += 1
         if not self.touch:
             self.page.mouse.move(x, y)
             self.page.mouse.down()
-            self.page.mouse.move(x + right, y, steps=4)
+            self.page.mouse.move(x + right, y + down, steps=4)
             self.page.mouse.up()
             return
         session = self.page.context.new_cdp_session(self.page)
-        places = [x, *(x + right * step / 4 for step in range(1, 5))]
-        for kind, place in zip(("touchStart", *["touchMove"] * 4), places, strict=True):
-            session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": place, "y": y}]})
+        for step, kind in enumerate(("touchStart", *["touchMove"] * 4)):
+            point = {"x": x + right * step / 4, "y": y + down * step / 4}
+            session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [point]})
         session.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
 
     def forgive(self, *texts: str) -> None:

@@ -46,8 +46,8 @@ class Identities:
         self.roster: Roster = read_roster(path)
         self.web = Web()
         self._keys: dict[str, IssuerKeys] = {}
-        self.guests: Callable[[TokenHash], Identity | None] = lambda credential: None
-        """Returns the identity of a credential that is not in the file, such as that of a guest, or None."""
+        self.find_elsewhere: Callable[[TokenHash], Identity | None] = lambda credential: None
+        """Returns the identity of a token that an extension knows, and the file does not; else None."""
         self._guarded: set[_Guarded] = set()
         self._complaint = ""
         self._looking: asyncio.Task[None] | None = None
@@ -78,9 +78,9 @@ class Identities:
         """Return the identity of a credential verified before; None if it is no longer valid."""
         found = self.roster.identity(credential, time.time_ns())
         if found is None and isinstance(credential, TokenHash):
-            guest = self.guests(credential)
-            expired = guest is not None and guest.expires_ns is not None and guest.expires_ns <= time.time_ns()
-            return None if expired else guest
+            found = self.find_elsewhere(credential)
+            expired = found is not None and found.expires_ns is not None and found.expires_ns <= time.time_ns()
+            return None if expired else found
         return found
 
     def keys(self, issuer: Issuer) -> IssuerKeys:

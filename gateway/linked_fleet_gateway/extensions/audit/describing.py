@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from datetime import UTC, datetime
 
 from msgspec import Struct
 
@@ -22,6 +21,7 @@ from linked_fleet_gateway.base.spreadsheet import csv_table
 from linked_fleet_gateway.extensions.audit.entry import AuditEntry
 from linked_fleet_gateway.extensions.audit.query import Query
 from linked_fleet_gateway.extensions.audit.search import BY_PAGE, Found
+from linked_fleet_gateway.faces import lexical_time
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.rdf.vocabulary import PROV, XHV
 
@@ -104,7 +104,7 @@ def _entry_json(id: str, entry: AuditEntry, addresses: Mapping[str, str]) -> dic
     links = {"targetAddress": entry.target, "resultAddress": entry.result}
     said: dict[str, object] = {
         "id": id,
-        "time": _lexical(entry.at_ns),
+        "time": lexical_time(entry.at_ns),
         "who": entry.who,
         "what": entry.what,
         "target": entry.target,
@@ -127,11 +127,6 @@ def audit_csv(selected: Selected) -> bytes:
 def _line(id: str, entry: AuditEntry) -> tuple[str, ...]:
     by_page = "yes" if id.endswith(BY_PAGE) else "no"
     return (
-        _lexical(entry.at_ns), entry.who, entry.what, entry.target, entry.robot, entry.outcome, entry.reason,
+        lexical_time(entry.at_ns), entry.who, entry.what, entry.target, entry.robot, entry.outcome, entry.reason,
         entry.result, entry.request, by_page, id,
     )  # fmt: skip
-
-
-def _lexical(stamp_ns: int) -> str:
-    seconds, rest_ns = divmod(stamp_ns, 1_000_000_000)
-    return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%dT%H:%M:%S}.{rest_ns // 1_000_000:03d}Z"

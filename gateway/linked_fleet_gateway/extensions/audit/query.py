@@ -16,12 +16,15 @@ PAGE_SIZE = 100
 MOST_ENTRIES = 1000
 """The largest number of entries in one answer."""
 _MOST_TEXT = 200
-_ID = re.compile(r"[0-9]{1,19}-[0-9]{1,19}p?", re.ASCII)
+ID_PATTERN = "[1-9][0-9]{0,18}-[0-9]{1,19}p?"
+"""Ids of entries, within what Redis accepts as the open end of a range: 64 bits, and not 0-0."""
+_ID = re.compile(ID_PATTERN)
 _IN_MINUTES = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d(:\d\d)?", re.ASCII)
 _TEXTS = ("who", "robot", "resource", "action", "text")
 _NAMES = (*_TEXTS, "outcome", "from", "until", "pages", "before", "after", "limit")
 _ON_OFF = {"on": True, "off": False}
 Outcome = Literal["", "succeeded", "refused", "failed", "ended"]
+OUTCOMES: tuple[str, ...] = get_args(Outcome)
 
 
 class Query(Struct, frozen=True):
@@ -80,7 +83,7 @@ def parse_query(query: Iterable[tuple[str, str]]) -> Query:
         resource,
         action,
         text,
-        cast(Outcome, _choice("outcome", said.get("outcome", ""), get_args(Outcome))),
+        cast(Outcome, _choice("outcome", said.get("outcome", ""), OUTCOMES)),
         begin,
         end,
         _ON_OFF[_choice("pages", said.get("pages", "off"), tuple(_ON_OFF))],

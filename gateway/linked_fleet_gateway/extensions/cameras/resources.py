@@ -42,7 +42,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, describe_layout, layout_path
 
 LF = CORE.extended(
-    "Camera Cameras FleetCameras CameraShape CamerasShape FleetCamerasShape cameras allCameras ofRobot imageWidth"
+    "Camera Cameras FleetCameras CameraShape CamerasShape FleetCamerasShape cameras allCameras imageWidth"
     " imageHeight verticalFieldOfView nearest farthest maximumRate picture"
 )
 

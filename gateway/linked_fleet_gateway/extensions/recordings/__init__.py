@@ -1,1 +1,1 @@
-"""The extension ``recordings``: keeps the last 30 s of a robot when a motion fails or is stopped (README.md)."""
+"""The extension ``recordings``: keeps the last 30 s of a robot before a failure, a stop or a fault (README.md)."""

@@ -82,9 +82,11 @@ class Recorder:
         await asyncio.to_thread(remove_unfinished, self._folder)
         self._files.update(await asyncio.to_thread(look_up, self._folder))
         writing = supervised(self._write_next, "recordings", log, "a recording is lost", 0.0)
-        with self._core.listening_to_invocations(self.record_outcome):
-            yield
-        await cancel_tasks([writing])
+        try:
+            with self._core.listening_to_invocations(self.record_outcome):
+                yield
+        finally:
+            await cancel_tasks([writing])
 
     def of(self, robot: str) -> Mapping[str, Recorded]:
         """Return the recordings of a robot by id, the oldest first."""

@@ -160,7 +160,7 @@ class SessionsExtension(Extension):
                 core.tell_of_request(RequestEvent(invitation.guest.name, "INVITATION", f"{PATH}/{id}", status=303))
 
             sessions.invitations = invitations = Invitations(records, opened)
-            core.identities.guests = invitations.guest
+            core.identities.find_elsewhere = invitations.guest
             tasks = [supervised(invitations.forget_expired, "forget invitations", log, "they stay listed", FORGET_S)]
             try:
                 yield Mount(

@@ -39,6 +39,8 @@ def test_a_time_of_a_browser_is_in_utc() -> None:
         ({"outcome": "good"}, "outcome is one of succeeded, refused, failed, ended"),
         ({"pages": "yes"}, "pages is one of on, off"),
         ({"before": "x"}, "before is the id"),
+        ({"before": "0-0"}, "before is the id"),
+        ({"before": "9" * 20 + "-0"}, "before is the id"),
         ({"after": "1-2-3"}, "after is the id"),
         ({"limit": "0"}, "limit is a whole number"),
         ({"limit": "1001"}, "limit is a whole number"),

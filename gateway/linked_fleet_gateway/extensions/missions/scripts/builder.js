@@ -51,8 +51,8 @@ export class Builder {
   async begin(/** @type {string} */ iri) {
     let refusal = "";
     await Promise.all([
-      fetchRobots(this.root).then((found) => (this.robots = found), (error) => (refusal = `The robots could not be had: ${error.message}`)),
-      iri ? this.load(iri).catch((error) => (refusal = `The mission could not be had: ${error.message}`)) : undefined,
+      fetchRobots(this.root).then((found) => (this.robots = found), (error) => (refusal = `The robots cannot be loaded: ${error.message}`)),
+      iri ? this.load(iri).catch((error) => (refusal = `The mission cannot be loaded: ${error.message}`)) : undefined,
     ]);
     this.build();
     this.render();
@@ -394,7 +394,7 @@ export class Builder {
       this.render();
       this.tell("done", "This is the mission as it is now.");
     } catch (error) {
-      this.tell("error", `The mission could not be had: ${error.message}`);
+      this.tell("error", `The mission cannot be loaded: ${error.message}`);
     }
   }
 

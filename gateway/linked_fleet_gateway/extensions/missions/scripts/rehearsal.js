@@ -1,7 +1,7 @@
 // What a rehearsal says of each step, and the motions of a robot as a path that a ghost follows.
 
 import { positionsIn } from "../../pages/scripts/src/targets.js";
-import { NUMERICAL_VALUE, RDF_TYPE, lf, localName, segments } from "../../pages/scripts/src/vocabulary.js";
+import { NUMERICAL_VALUE, RDF_TYPE, lf, localName } from "../../pages/scripts/src/vocabulary.js";
 
 /**
  * @typedef {{path: string, seconds: number, reason: string, free: string, joints: Map<string, number>}} StepRehearsal
@@ -58,10 +58,4 @@ export function waypointsOf(steps, robot, now) {
     found.push({ atTime: found.at(-1).atTime + Math.max(seconds, 0.01), joints: new Map(places) });
   }
   return found;
-}
-
-/** @returns {string} the robot of a joint, with a slash at its end */
-export function robotOf(/** @type {string} */ iri) {
-  const url = new URL(iri);
-  return `${url.origin}/${encodeURIComponent(segments(iri)[0])}/`;
 }

@@ -3,7 +3,7 @@
 import { send } from "../../pages/scripts/src/request.js";
 import { notice } from "../../pages/scripts/src/notice.js";
 import { adopt, refresh } from "../../pages/scripts/src/region.js";
-import { write } from "../../pages/scripts/src/ntriples.js";
+import { statements } from "../../pages/scripts/src/ntriples.js";
 import { lf } from "../../pages/scripts/src/vocabulary.js";
 
 const BOOLEAN = "http://www.w3.org/2001/XMLSchema#boolean";
@@ -28,12 +28,11 @@ export function start() {
 async function decide(button) {
   const { runAction, step, confirmed } = button.dataset;
   /** @type {[string, import("../../pages/scripts/src/ntriples.js").Term][]} */
-  const said = step === undefined ? [] : [["stepPath", { kind: "literal", value: step }]];
-  if (confirmed !== undefined) said.push(["confirmed", { kind: "literal", value: confirmed, datatype: BOOLEAN }]);
-  const body = said.map(([name, value]) => `_:answer <${lf(name)}> ${write(value)} .\n`).join("");
+  const said = step === undefined ? [] : [[lf("stepPath"), { kind: "literal", value: step }]];
+  if (confirmed !== undefined) said.push([lf("confirmed"), { kind: "literal", value: confirmed, datatype: BOOLEAN }]);
   const all = /** @type {NodeListOf<HTMLButtonElement>} */ (document.querySelectorAll("button[data-run-action]"));
   for (const each of all) each.disabled = true;
-  const { problem } = await send("POST", runAction, body ? { body } : {});
+  const { problem } = await send("POST", runAction, said.length ? { body: statements(said) } : {});
   for (const each of all) each.disabled = false;
   button.blur(); // otherwise its section would wait for it to lose the focus
   if (problem) notice(`${problem.title}. ${problem.detail}`);

@@ -1,6 +1,6 @@
 // What a step says: the fields of its kind, and for an action the form that is made of its shape.
 
-import { fetchForm, fill, hasFields, markField, offerVariables, read } from "../../pages/scripts/src/action_input.js";
+import { fetchInput, fill, hasFields, markField, offerVariables, read } from "../../pages/scripts/src/action_input.js";
 import { button, choice, element, field } from "../../pages/scripts/src/elements.js";
 import { homeOf } from "./mission_offer.js";
 import { KINDS, groupsOf, variablesOf } from "./mission_tree.js";
@@ -145,8 +145,8 @@ export class StepEditor {
       select.replaceChildren(new Option("choose one", ""), ...grouped(offered));
     } catch (error) {
       if (turn !== this.shown) return;
-      select.replaceChildren(new Option("none could be had", ""));
-      this.formPlace.replaceChildren(wrong(`The actions could not be had: ${error.message}`), button("Try again", () => this.offer(select, home, this.shown)));
+      select.replaceChildren(new Option("none could be loaded", ""));
+      this.formPlace.replaceChildren(wrong(`The actions cannot be loaded: ${error.message}`), button("Try again", () => this.offer(select, home, this.shown)));
     }
     const { action } = this.node.said;
     if (action && ![...select.options].some(({ value }) => value === action)) select.add(new Option(nameOf(action), action));
@@ -160,9 +160,9 @@ export class StepEditor {
     this.formPlace.replaceChildren(element("p", { className: "hint" }, "…"));
     let form;
     try {
-      form = await fetchForm(action);
+      form = await fetchInput(action);
     } catch (error) {
-      if (turn === this.shown && this.node.said.action === action) this.raw(`The form of this action could not be had: ${error.message}`);
+      if (turn === this.shown && this.node.said.action === action) this.raw(`The form of this action cannot be loaded: ${error.message}`);
       return;
     }
     if (turn !== this.shown || this.node.said.action !== action) return;

@@ -1,9 +1,8 @@
 // A step in a few words.
 
-import { localName, segments, words } from "../../pages/scripts/src/vocabulary.js";
+import { localName, segments, unitSymbol, words } from "../../pages/scripts/src/vocabulary.js";
 
 const MOST = 80;
-const UNITS = { RAD: "rad", Radian: "rad", DEG: "°", Degree: "°", M: "m", MilliM: "mm" };
 
 /** @returns {string} */
 export function summary(/** @type {import("./mission_tree.js").Node} */ { type, said }) {
@@ -32,7 +31,7 @@ export function nameOf(/** @type {string} */ action) {
 function valueIn(name, value) {
   if (typeof value === "object") return `${name} = ${value.variable}`;
   const text = String(value);
-  if (name === "unit") return UNITS[localName(text)] ?? localName(text);
+  if (name === "unit") return unitSymbol(text);
   return `${name} ${/^https?:/.test(text) ? localName(text) : text}`;
 }
 

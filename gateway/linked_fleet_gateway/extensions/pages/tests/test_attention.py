@@ -134,13 +134,12 @@ def test_the_table_is_sorted_filtered_and_tagged_by_its_address(client: Browser,
 
 
 def test_the_table_works_without_scripts(client: Browser, chromium: Chromium) -> None:
-    context = chromium.new_context(java_script_enabled=False)
-    page = context.new_page()
-    page.goto(client.root + "?view=table")
-    page.get_by_label("Search").fill("panda")
-    page.get_by_role("button", name="Filter").click()
-    expect(page.locator("table.fleet tbody tr")).to_have_count(1)
-    page.get_by_role("link", name="Link", exact=True).click()
-    expect(page).to_have_url(client.root + "?view=table&sort=link&text=panda")
-    expect(page.locator("table.fleet tbody tr")).to_have_count(1)
-    context.close()
+    with chromium.new_context(java_script_enabled=False) as context:
+        page = context.new_page()
+        page.goto(client.root + "?view=table")
+        page.get_by_label("Search").fill("panda")
+        page.get_by_role("button", name="Filter").click()
+        expect(page.locator("table.fleet tbody tr")).to_have_count(1)
+        page.get_by_role("link", name="Link", exact=True).click()
+        expect(page).to_have_url(client.root + "?view=table&sort=link&text=panda")
+        expect(page.locator("table.fleet tbody tr")).to_have_count(1)

@@ -135,19 +135,4 @@ def drag(operator: PageUser, page: Page) -> None:
     first = page.locator(".outline .step-row").nth(1).bounding_box()
     assert grip is not None and first is not None
     x, y = grip["x"] + grip["width"] / 2, grip["y"] + grip["height"] / 2
-    to_x, to_y = first["x"] + 40, first["y"] + 3
-    if not operator.touch:
-        page.mouse.move(x, y)
-        page.mouse.down()
-        page.mouse.move(to_x, to_y, steps=4)
-        page.mouse.up()
-        return
-    session = page.context.new_cdp_session(page)
-    for kind, at in (
-        ("touchStart", [(x, y)]),
-        ("touchMove", [(x, y - 9)]),
-        ("touchMove", [(to_x, to_y)]),
-        ("touchEnd", []),
-    ):
-        points = [{"x": left, "y": top} for left, top in at]
-        session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
+    operator.drag(x, y, right=first["x"] + 40 - x, down=first["y"] + 3 - y)

@@ -1,7 +1,7 @@
 // Control from hand to hand: who lacks it asks for it on the page of the robot, and who has it hands it over or refuses.
 
 import { giveUp, keep, proof } from "../../pages/scripts/src/control.js";
-import { write } from "../../pages/scripts/src/ntriples.js";
+import { statements } from "../../pages/scripts/src/ntriples.js";
 import { apply } from "../../pages/scripts/src/presence.js";
 import { send } from "../../pages/scripts/src/request.js";
 import { RDF_TYPE, lf, localName } from "../../pages/scripts/src/vocabulary.js";
@@ -58,12 +58,10 @@ async function look(/** @type {HTMLElement} */ place, /** @type {Control} */ con
 
 async function ask(place, control, robot, requests) {
   const token = `urn:uuid:${uuid()}`;
-  /** @type {[string, import("../../pages/scripts/src/ntriples.js").Term][]} */
-  const says = [
+  const body = statements([
     [lf("ofRobot"), { kind: "iri", value: robot }],
     [lf("controlToken"), { kind: "literal", value: token }],
-  ];
-  const body = says.map(([predicate, object]) => `_:r ${write({ kind: "iri", value: predicate })} ${write(object)} .\n`).join("");
+  ]);
   const { problem, location } = await send("POST", requests, { body });
   if (location) localStorage.setItem(ASKED + control.lease, JSON.stringify({ request: location, token: `<${token}>` }));
   else show(place, `${problem.title}. ${problem.detail}`, []);

@@ -1,19 +1,18 @@
 // A rule without SPARQL: when a value of a robot passes a number for a time, then an action. It writes the fields of the
 // form of the rule, which are those that are sent.
 
-import { fetchForm, hasFields } from "../../pages/scripts/src/action_input.js";
+import { fetchInput, hasFields } from "../../pages/scripts/src/action_input.js";
 import { button, choice, element, field } from "../../pages/scripts/src/elements.js";
-import { fetchActions, fetchRobots } from "../../pages/scripts/src/fleet_offer.js";
+import { fetchActions, fetchRobots, select } from "../../pages/scripts/src/fleet_offer.js";
 import { draft, read } from "../../pages/scripts/src/form.js";
 import { write } from "../../pages/scripts/src/ntriples.js";
-import { TITLE, lf, localName, segments, words } from "../../pages/scripts/src/vocabulary.js";
+import { TITLE, lf, localName, segments, unitSymbol, words } from "../../pages/scripts/src/vocabulary.js";
 
 const VOM = "http://vocab.arvida.de/2015/06/vom/vocab#";
 const HYBRIT = "https://hybr-it-projekt.de/ns/hybr-it#";
 const QUDT = "http://qudt.org/schema/qudt/";
 const OBSERVABLE = "http://www.w3.org/ns/sosa/ObservableProperty";
 const NUMBER = /^[-+]?(\d+([.]\d+)?|[.]\d+)(e[-+]?\d+)?$/i;
-const UNITS = { RAD: "rad", "RAD-PER-SEC": "rad/s", M: "m", "M-PER-SEC": "m/s", "N-M": "N·m", N: "N", PERCENT: "%", SEC: "s", HZ: "Hz", V: "V", A: "A", DEG_C: "°C", UNITLESS: "" };
 const COMPARISONS = [[">", "is above"], ["<", "is below"], [">=", "is at least"], ["<=", "is at most"], ["=", "is"], ["!=", "is not"]];
 const DEGREES = 180 / Math.PI;
 
@@ -104,7 +103,7 @@ class Composer {
     try {
       await step();
     } catch (error) {
-      this.say(`This cannot be had at present: ${error.message}`);
+      this.say(`This cannot be loaded: ${error.message}`);
     }
   }
 
@@ -136,7 +135,7 @@ class Composer {
     this.input = undefined;
     if (!this.action.value) return;
     const action = this.action.value;
-    const input = await fetchForm(action);
+    const input = await fetchInput(action);
     if (action !== this.action.value || !hasFields(input)) return;
     this.inputs.replaceChildren();
     this.input = input;
@@ -218,10 +217,7 @@ SELECT DISTINCT ?thing ?property ?part ?unit ?text WHERE {
   { ?resource a <${OBSERVABLE}> ; ?part ?scalar . ?scalar vom:numericalValue ?number . OPTIONAL { ?scalar <${QUDT}unit> ?unit } }
   UNION { ?resource a <${lf("ComponentProperty")}> ; <${lf("value")}> ?text . BIND(<${lf("value")}> AS ?part) FILTER(isLiteral(?text)) }
 }`;
-  const response = await fetch(`${query}?${new URLSearchParams({ query: asked })}`, { headers: { Accept: "application/sparql-results+json" }, cache: "no-store" });
-  if (!response.ok) throw new Error(response.statusText);
-  const { results } = await response.json();
-  const found = results.bindings.map((row) => measuredOf(robot, row));
+  const found = (await select(query, asked)).map((row) => measuredOf(robot, row));
   return found.sort((one, other) => one.thing.localeCompare(other.thing) || one.name.localeCompare(other.name));
 }
 
@@ -232,6 +228,6 @@ function measuredOf(robot, { thing, property, part, unit, text }) {
   // Properties of one make are named after their component: "simulation-property-time".
   const name = `${inside}${words(localName(property.value).replace(/^.*-property-/, ""))}${detail}`;
   const path = [property.value, part.value, ...(text ? [] : [`${VOM}numericalValue`])];
-  const symbol = unit ? (UNITS[localName(unit.value)] ?? localName(unit.value)) : "";
+  const symbol = unit ? unitSymbol(unit.value) : "";
   return { thing: thing.value, path, unit: symbol, name, text: Boolean(text) };
 }

@@ -1,6 +1,6 @@
 // Invitations: makes one, and shows its link, which the gateway tells once.
 
-import { write } from "../../pages/scripts/src/ntriples.js";
+import { statements } from "../../pages/scripts/src/ntriples.js";
 import { refresh } from "../../pages/scripts/src/region.js";
 import { send } from "../../pages/scripts/src/request.js";
 import { TITLE, lf } from "../../pages/scripts/src/vocabulary.js";
@@ -21,17 +21,15 @@ async function invite(form) {
   const output = form.querySelector("output.answer");
   const { title, hours } = Object.fromEntries(new FormData(form));
   const until = new Date(Date.now() + Number(hours) * HOUR_MS - 1000).toISOString();
-  /** @type {[string, import("../../pages/scripts/src/ntriples.js").Term][]} */
-  const says = [
+  const body = statements([
     [TITLE, { kind: "literal", value: String(title).trim() }],
     [lf("expires"), { kind: "literal", value: until, datatype: DATE_TIME }],
-  ];
-  const body = says.map(([predicate, object]) => `_:i ${write({ kind: "iri", value: predicate })} ${write(object)} .\n`).join("");
+  ]);
   const { problem, graph, location } = await send("POST", document.body.dataset.resource, { body });
   const link = location && graph?.value(location, lf("invitationLink"))?.value;
-  output.dataset.state = problem ? "error" : "done";
-  if (problem || !link) {
-    output.textContent = `${problem?.title}. ${problem?.detail}`;
+  output.dataset.state = link ? "done" : "error";
+  if (!link) {
+    output.textContent = problem ? `${problem.title}. ${problem.detail}` : "The answer has no link. Revoke the invitation, and make another one.";
     return;
   }
   const field = Object.assign(document.createElement("input"), { id: "invitation-link", readOnly: true, value: link });

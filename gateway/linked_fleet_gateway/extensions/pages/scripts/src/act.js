@@ -1,6 +1,6 @@
 // Sends what a form contains, and shows the gateway's response.
 
-import { complain, fieldsFor, read } from "./form.js";
+import { complain, fieldNamed, fieldsFor, read } from "./form.js";
 import { converted, number } from "./format.js";
 import { contact } from "./ghost.js";
 import { forgetPlan, keepPlan, withPlan } from "./kept_plan.js";
@@ -9,7 +9,7 @@ import { MATHS } from "./pose_of.js";
 import { refresh } from "./region.js";
 import { fresh, send } from "./request.js";
 import { follow } from "./tasks.js";
-import { NUMERICAL_VALUE, RDF_TYPE, TITLE, UNIT, UNKNOWN, lf, localName } from "./vocabulary.js";
+import { NUMERICAL_VALUE, RDF_TYPE, TITLE, UNIT, UNKNOWN, lf, localName, unitSymbol } from "./vocabulary.js";
 
 export function start() {
   document.addEventListener("submit", (event) => {
@@ -124,9 +124,8 @@ function mark(form, { path = "", message = "", value = undefined }) {
 
 /** Show a refusal without a report at the field of the term that it begins with, such as "lf:condition: …". */
 function markTerm(form, detail) {
-  const term = /^[\w-]+:([\w-]+)/.exec(detail)?.[1];
-  const fields = [...form.querySelectorAll("[data-path]")].filter((each) => term && each.type !== "hidden" && localName(each.dataset.path) === term);
-  if (fields.length === 1) complain(fields[0], detail);
+  const field = fieldNamed(form, detail);
+  if (field) complain(field, detail);
 }
 
 /** How forms of other modules show a response. */
@@ -201,12 +200,9 @@ function targetOf(graph, node) {
   return `${localName(joint)} would be at ${value ? quantity(graph, `_:${value.value}`) : "an unknown place"}`;
 }
 
-const SYMBOLS = { RAD: "rad", M: "m", SEC: "s", UNITLESS: "" };
-
 function quantity(graph, node) {
   const value = graph.value(node, NUMERICAL_VALUE)?.value;
-  const name = localName(graph.value(node, UNIT)?.value ?? "");
-  const symbol = SYMBOLS[name] ?? name;
+  const symbol = unitSymbol(graph.value(node, UNIT)?.value ?? "");
   if (value === undefined || value === UNKNOWN) return "unknown";
   const also = converted(Number(value), symbol);
   return `${number(Number(value))} ${symbol}${also ? ` (${also})` : ""}`.trim();

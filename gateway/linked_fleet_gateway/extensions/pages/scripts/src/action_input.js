@@ -1,27 +1,21 @@
 // The form of an action as the input of a step: filled from plain JSON, and read into it. Nothing here invokes the action.
 
-import { complain, fieldsFor, filled, own, partsOf, ready, wrongWith } from "./form.js";
-import { localName } from "./vocabulary.js";
+import { complain, fieldNamed, fieldsFor, filled, own, partsOf, ready, wrongWith } from "./form.js";
+import { fetchForm } from "./include.js";
+import { unitSymbol } from "./vocabulary.js";
 
 const BOOLEAN = "http://www.w3.org/2001/XMLSchema#boolean";
 const NODE = "fieldset[data-path]";
 const LEAF = "input[data-path], select[data-path], textarea[data-path]";
-const SYMBOLS = { RAD: "rad", Radian: "rad", DEG: "°", Degree: "°", M: "m", MilliM: "mm" };
 
 /**
- * Fetch the form of an action from its page. Raises an error with a sentence.
+ * Fetch the form of an action as one that sends nothing. Raises an error with a sentence.
  *
  * @param {string} action
  * @returns {Promise<HTMLFormElement>}
  */
-export async function fetchForm(action) {
-  const response = await fetch(action, { headers: { Accept: "text/html" }, cache: "no-cache" });
-  const page = new DOMParser().parseFromString(await response.text(), "text/html");
-  const found = page.querySelector("form.invoke");
-  if (!response.ok || !found) throw new Error(page.querySelector("main")?.textContent.trim().replace(/\s+/g, " ").slice(0, 300) || response.statusText);
-  const fragment = document.createDocumentFragment();
-  fragment.append(document.importNode(found, true));
-  const form = /** @type {HTMLFormElement} */ (own(fragment).firstElementChild);
+export async function fetchInput(action) {
+  const { form } = await fetchForm(action);
   harmless(form);
   return form;
 }
@@ -92,7 +86,7 @@ function fillLeaf(control, value) {
   }
   const text = String(value);
   if (control instanceof HTMLSelectElement && ![...control.options].some((each) => each.value === text)) {
-    control.add(new Option(SYMBOLS[localName(text)] ?? localName(text), text));
+    control.add(new Option(unitSymbol(text), text));
   }
   if (control.type !== "hidden") control.value = text;
 }
@@ -169,9 +163,8 @@ export function offerVariables(/** @type {HTMLFormElement} */ form, /** @type {s
 
 /** Show an error of the gateway at the field that it is about; return whether there is one. */
 export function markField(/** @type {HTMLFormElement} */ form, { path = "", message = "" }) {
-  const term = path ? localName(path) : /^[\w-]+:([\w-]+): /.exec(message)?.[1];
-  const fields = path ? fieldsFor(form, path) : /** @type {HTMLInputElement[]} */ ([...form.querySelectorAll(LEAF)]).filter((each) => each.type !== "hidden" && localName(each.dataset.path) === term);
-  if (!term || fields.length !== 1) return false;
+  const fields = path ? fieldsFor(form, path) : [fieldNamed(form, message)].filter(Boolean);
+  if (fields.length !== 1) return false;
   complain(fields[0], message);
   for (let details = fields[0].closest("details"); details; details = details.parentElement.closest("details")) details.open = true;
   return true;

@@ -17,11 +17,15 @@ export async function fetchRobots(/** @type {string} */ root) {
 export async function fetchActions(/** @type {string} */ query, /** @type {string} */ robot, /** @type {boolean} */ parts) {
   const things = parts ? `FILTER(STRSTARTS(STR(?thing), "${robot}"))` : `VALUES ?thing { <${robot}> }`;
   const asked = `SELECT DISTINCT ?thing ?action { ${things} ?thing <${ACTION}> ?action FILTER(!CONTAINS(STR(?action), "/invocations/")) }`;
+  const found = (await select(query, asked)).map(({ thing, action }) => offered(thing.value, action.value, robot));
+  return found.sort((one, other) => one.thing.localeCompare(other.thing) || one.name.localeCompare(other.name));
+}
+
+/** Return the answers to a query. Raises an error with a sentence. */
+export async function select(/** @type {string} */ query, /** @type {string} */ asked) {
   const response = await fetch(`${query}?${new URLSearchParams({ query: asked })}`, { headers: { Accept: "application/sparql-results+json" }, cache: "no-store" });
   if (!response.ok) throw new Error(await said(response));
-  const { results } = await response.json();
-  const found = results.bindings.map(({ thing, action }) => offered(thing.value, action.value, robot));
-  return found.sort((one, other) => one.thing.localeCompare(other.thing) || one.name.localeCompare(other.name));
+  return (await response.json()).results.bindings;
 }
 
 function offered(thing, action, robot) {

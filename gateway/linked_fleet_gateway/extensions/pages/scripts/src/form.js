@@ -2,7 +2,7 @@
 
 import { write } from "./ntriples.js";
 import { adopt } from "./region.js";
-import { DECIMAL, DOUBLE, RDF_TYPE, lf } from "./vocabulary.js";
+import { DECIMAL, DOUBLE, RDF_TYPE, lf, localName } from "./vocabulary.js";
 import { applyLimits, outside } from "./limits.js";
 
 const FORM = "form.invoke";
@@ -270,4 +270,11 @@ export function describe(control, id, on) {
 /** Return the controls and nodes to which a path of a validation report may refer. */
 export function fieldsFor(form, path) {
   return [...form.querySelectorAll(`${LEAF}, ${NODE}`)].filter((each) => each.dataset.path === path && each.type !== "hidden");
+}
+
+/** Return the only field of the term with which a sentence begins, such as "lf:condition: …". */
+export function fieldNamed(form, sentence) {
+  const term = /^[\w-]+:([\w-]+)/.exec(sentence)?.[1];
+  const fields = [...form.querySelectorAll(`${LEAF}, ${NODE}`)].filter((each) => each.type !== "hidden" && localName(each.dataset.path) === term);
+  return fields.length === 1 ? fields[0] : undefined;
 }

@@ -23,13 +23,7 @@ async function load(details) {
   try {
     // The entity tag is at most as new as the form: nobody can replace a state that they have not seen.
     const tag = "place" in details.dataset ? await tagOf(include) : null;
-    const response = await fetch(include, { headers: { Accept: "text/html" }, cache: "no-cache" });
-    const page = new DOMParser().parseFromString(await response.text(), "text/html");
-    const form = page.querySelector("form.invoke");
-    if (!response.ok || !form) throw new Error(page.querySelector("main")?.textContent.trim().slice(0, 300) || response.statusText);
-    const fragment = document.createDocumentFragment();
-    fragment.append(document.importNode(form, true));
-    const inserted = own(fragment).firstElementChild;
+    const { form: inserted, page } = await fetchForm(include);
     if (tag && inserted.dataset.methods === "PUT") inserted.dataset.match = tag;
     // Rights and control are those of the robot of the form, which this page may not be about.
     for (const name of ["may", "control"]) if (name in page.body.dataset) inserted.dataset[name] = page.body.dataset[name];
@@ -40,8 +34,24 @@ async function load(details) {
     inserted.dispatchEvent(new Event("included", { bubbles: true }));
   } catch (error) {
     delete details.dataset.included; // opening it again retries
-    fail(details, `The form could not be had: ${error.message}`);
+    fail(details, `The form cannot be loaded: ${error.message}`);
   }
+}
+
+/**
+ * Fetch the form of an action from its page. Raises an error with a sentence.
+ *
+ * @param {string} action
+ * @returns {Promise<{form: HTMLFormElement, page: Document}>}
+ */
+export async function fetchForm(action) {
+  const response = await fetch(action, { headers: { Accept: "text/html" }, cache: "no-cache" });
+  const page = new DOMParser().parseFromString(await response.text(), "text/html");
+  const found = page.querySelector("form.invoke");
+  if (!response.ok || !found) throw new Error(page.querySelector("main")?.textContent.trim().replace(/\s+/g, " ").slice(0, 300) || response.statusText);
+  const fragment = document.createDocumentFragment();
+  fragment.append(document.importNode(found, true));
+  return { form: /** @type {HTMLFormElement} */ (own(fragment).firstElementChild), page };
 }
 
 /** Return the entity tag of the description, which a page with additional content does not have. */

@@ -4,7 +4,7 @@ import { holds } from "./control.js";
 import { held, leaseOf } from "./presence.js";
 import { adopt } from "./region.js";
 import { send } from "./request.js";
-import { write } from "./ntriples.js";
+import { statements } from "./ntriples.js";
 import { lf, localName } from "./vocabulary.js";
 
 const ASK_MS = 3000;
@@ -84,13 +84,11 @@ class Control {
 
   take() {
     const holder = document.getElementById("who")?.textContent.trim() || "somebody at a browser";
-    /** @type {[string, import("./ntriples.js").Term][]} */
-    const says = [
+    const body = statements([
       [lf("holder"), { kind: "literal", value: holder }],
       [lf("leaseDuration"), { kind: "literal", value: String(LEASE_S), datatype: INTEGER }],
-    ];
-    const lines = says.map(([predicate, object]) => `_:c ${write({ kind: "iri", value: predicate })} ${write(object)} .\n`);
-    return this.ask("PUT", lines.join(""));
+    ]);
+    return this.ask("PUT", body);
   }
 
   async ask(method, body) {

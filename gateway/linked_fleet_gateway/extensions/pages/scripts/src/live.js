@@ -38,14 +38,14 @@ export function start() {
   const { resource, observable, kind } = document.body.dataset;
   adopt(collect);
   const may = document.body.dataset.may?.split(" ");
+  const follows = !may || may.includes("subscribe"); // guests do not
   // Whether the robot of an action is there cannot be observed at the action.
-  if (kind === "action") setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS);
-  if (may && !may.includes("subscribe")) setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS); // such as guests
-  else if (observable !== undefined && THINGS.has(kind)) {
+  if (!follows || kind === "action" || (observable === undefined && ASKING.has(kind))) setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS);
+  if (!follows) return;
+  if (observable !== undefined && THINGS.has(kind)) {
     watch(resource, { depth: "this" }, (graph) => take(resource, graph));
     adopt(properties);
   } else if (observable !== undefined) watch(resource, {}, (graph) => take(resource, graph));
-  else if (ASKING.has(kind)) setInterval(() => document.hidden || refresh(), ASK_AGAIN_MS);
 }
 
 function collect() {

@@ -115,6 +115,15 @@ export function write(term) {
   return term.datatype && term.datatype !== XSD_STRING ? `${text}^^<${term.datatype}>` : text;
 }
 
+/**
+ * Write the body of a request about one thing.
+ *
+ * @param {[predicate: string, object: Term][]} says
+ */
+export function statements(says) {
+  return says.map(([predicate, object]) => `_:it ${write({ kind: "iri", value: predicate })} ${write(object)} .\n`).join("");
+}
+
 function escaped(character) {
   return `\\u${character.charCodeAt(0).toString(16).padStart(4, "0")}`;
 }

@@ -27,6 +27,17 @@ export function localName(iri) {
   return decodeURIComponent(end.slice(Math.max(end.lastIndexOf("#"), end.lastIndexOf("/")) + 1).replace(/%(?![0-9A-Fa-f]{2})/g, "%25"));
 }
 
+const SYMBOLS = {
+  RAD: "rad", Radian: "rad", DEG: "°", Degree: "°", "RAD-PER-SEC": "rad/s", M: "m", MilliM: "mm", "M-PER-SEC": "m/s",
+  "N-M": "N m", N: "N", PERCENT: "%", SEC: "s", HZ: "Hz", V: "V", A: "A", DEG_C: "°C", UNITLESS: "",
+};
+
+/** Return the symbol of a unit, or its local name. */
+export function unitSymbol(iri) {
+  const name = localName(iri);
+  return SYMBOLS[name] ?? name;
+}
+
 /** Return the segments of an IRI's path, decoded. */
 export function segments(iri) {
   return new URL(iri, location.href).pathname.split("/").filter(Boolean).map(decodeURIComponent);
