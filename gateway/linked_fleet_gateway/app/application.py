@@ -29,6 +29,7 @@ from linked_fleet_gateway.http.forwarding import Authorities
 from linked_fleet_gateway.http.request import Gateway, Services
 from linked_fleet_gateway.http.request_events import RequestEvents
 from linked_fleet_gateway.http.scheduling import StopPriority, TokenBuckets
+from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.transport import Opener
 from linked_fleet_gateway.link.zenoh_session import open_session as open_zenoh
@@ -36,10 +37,12 @@ from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, SUBSCRIPTIONS, VOCABULARY, added_files, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, RDF, SH
 from linked_fleet_gateway.resources.action_offer import CONDITIONS, action_definitions
+from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
 from linked_fleet_gateway.runtime.metrics import RequestMetrics
 from linked_fleet_gateway.runtime.store_marker import LOST_DATA, StoreMarker
 from linked_fleet_gateway.runtime.tracing import Tracing
+from linked_fleet_gateway.subscriptions.callbacks import EntitlementCheck
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run_name
 from linked_fleet_gateway.subscriptions.store import SubscriptionStore
@@ -102,6 +105,15 @@ def create_live(settings: GatewaySettings, open_session: Opener) -> Live:
     )
 
 
+def _entitlement(identities: Identities, live: Live) -> EntitlementCheck:
+    """Return what checks the right to a callback of a resource, again and again."""
+
+    def check(creator: str, resource: str, sees: View) -> bool:
+        return identities.may_continue(creator, robot_of(resource), sees, live.branches.reading(resource))
+
+    return check
+
+
 def create_sockets(settings: GatewaySettings) -> Sockets:
     """Return the limits of connections, bounded by the number of files that the process may open."""
     return Sockets(limit_to_file_descriptors(settings.sockets), settings.sockets_per_client)
@@ -146,7 +158,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
             subscriptions = Subscriptions(
                 store, run, live.fan_out, network,
                 consent_required=settings.callback_consent, limit=settings.subscriptions_per_client,
-                check_entitlement=identities.may_continue if identities else lambda *_: True,
+                check_entitlement=_entitlement(identities, live) if identities else lambda *_: True,
             )  # fmt: skip
             await stack.enter_async_context(subscriptions)
             sampler = await stack.enter_async_context(Sampler(live.fleet))

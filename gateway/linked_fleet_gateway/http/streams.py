@@ -151,8 +151,9 @@ def _guarded(connection: Connection, subscription: Subscription) -> AbstractCont
         return nullcontext()
     subscriptions: Subscriptions = connection.services.subscriptions
     robot, id = robot_of(subscription.resource), subscription.id
+    needed = connection.services.live.branches.reading(subscription.resource)
     return identities.watch_rights(
-        connection.caller, robot, lambda: subscriptions.streams.revoke(id), connection.credentials_valid
+        connection.caller, robot, lambda: subscriptions.streams.revoke(id), connection.credentials_valid, needed
     )
 
 

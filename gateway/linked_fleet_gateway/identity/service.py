@@ -3,7 +3,7 @@
 import asyncio
 import logging
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
@@ -25,12 +25,13 @@ _Stamp = tuple[int, int, int]
 
 @dataclass(frozen=True, eq=False)
 class _Guarded:
-    """A stream that must end when ``identity`` loses the right or its credentials become invalid."""
+    """A stream that must end when ``identity`` loses the rights or its credentials become invalid."""
 
     identity: Identity
     robot: str | None
     end: Callable[[], None]
     holds: Callable[[], bool]
+    needed: Sequence[Right]
 
 
 class Identities:
@@ -110,14 +111,19 @@ class Identities:
 
     @contextmanager
     def watch_rights(
-        self, identity: Identity, robot: str | None, end: Callable[[], None], holds: Callable[[], bool]
+        self,
+        identity: Identity,
+        robot: str | None,
+        end: Callable[[], None],
+        holds: Callable[[], bool],
+        needed: Sequence[Right] = (),
     ) -> Iterator[None]:
         """Call ``end`` periodically once the caller must lose the stream.
 
         That is when ``identity`` may no longer subscribe, sees other robots, or ``holds`` returns False; for the fleet
-        also when it may subscribe to other robots.
+        also when it may subscribe to other robots. ``needed``: rights, one of which it must have beside.
         """
-        guarded = _Guarded(identity, robot, end, holds)
+        guarded = _Guarded(identity, robot, end, holds, needed)
         self._guarded.add(guarded)
         try:
             yield
@@ -129,13 +135,15 @@ class Identities:
             return False
         before, credential = guarded.identity, guarded.identity.credential
         now = None if credential is None else self.identity_of(credential)
-        if now is None or not _subscribes(now, guarded.robot, before.visible_robots):
+        if now is None or not _subscribes(now, guarded.robot, before.visible_robots, guarded.needed):
             return False
         # A stream of the fleet may have all its robots.
         return guarded.robot is not None or now.view_for(Right.SUBSCRIBE) == before.view_for(Right.SUBSCRIBE)
 
-    def may_continue(self, creator: str, robot: str | None, sees: View) -> bool:
+    def may_continue(self, creator: str, robot: str | None, sees: View, needed: Sequence[Right] = ()) -> bool:
         """Return True if a callback of ``creator``, who saw the robots of ``sees`` when creating it, may continue.
+
+        ``needed``: rights, one of which it must have beside.
 
         Subjects of issuers are not checked again, because only a new token would show their present rights.
         """
@@ -143,7 +151,7 @@ class Identities:
         if at:
             return bool(subject) and any(each.name == issuer for each in self.roster.issuers.values())
         now = self.roster.holder(creator, time.time_ns())
-        return now is not None and _subscribes(now, robot, sees)
+        return now is not None and _subscribes(now, robot, sees, needed)
 
     # -- the file ------------------------------------------------------------------------------------------------------
 
@@ -172,8 +180,10 @@ class Identities:
                 each.end()
 
 
-def _subscribes(now: Identity, robot: str | None, sees: View) -> bool:
-    return now.has_right(Right.SUBSCRIBE, robot) and now.has_right(Right.READ, robot) and now.visible_robots == sees
+def _subscribes(now: Identity, robot: str | None, sees: View, needed: Sequence[Right]) -> bool:
+    """Return True if somebody may subscribe, has one of the rights that are needed beside, and sees the same robots."""
+    subscribes = now.has_right(Right.SUBSCRIBE, robot) and now.has_right(Right.READ, robot)
+    return subscribes and (not needed or now.has_any_right(needed, None)) and now.visible_robots == sees
 
 
 def _stamp(path: Path) -> _Stamp:

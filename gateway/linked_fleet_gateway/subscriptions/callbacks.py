@@ -7,7 +7,6 @@ from functools import cache
 
 from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 from linked_fleet_gateway.runtime.metrics import DeliveryMetrics
 from linked_fleet_gateway.subscriptions.courier import Courier
@@ -17,14 +16,14 @@ from linked_fleet_webhooks.delivery_pace import ConsentThrottle
 from linked_fleet_webhooks.network import Network, UnresolvableHost
 from linked_fleet_webhooks.receiver import Receiver
 
-EntitlementCheck = Callable[[str, str | None, View], bool]
+EntitlementCheck = Callable[[str, str, View], bool]
 UNENTITLED = "the rights of its creator ended"
 
 
 class Callbacks:
     """``limit``: subscriptions per client. ``consent_required``: whether receivers must consent to deliveries.
 
-    ``check_entitlement``: returns whether the creator may still subscribe to the robot and still sees what it saw.
+    ``check_entitlement``: returns whether the creator may still subscribe to the resource, and sees what it saw.
     """
 
     def __init__(
@@ -88,7 +87,7 @@ class Callbacks:
 
     def is_entitled(self, subscription: Subscription) -> bool:
         """Return True if the creator may still have this subscription."""
-        return self._check_entitlement(subscription.creator, robot_of(subscription.resource), subscription.view)
+        return self._check_entitlement(subscription.creator, subscription.resource, subscription.view)
 
     async def suspend_unentitled(self) -> None:
         """Suspend every callback whose creator has lost the right to it, even one that was resumed."""

@@ -76,6 +76,17 @@ def test_a_websocket_ends_when_rights_change(own: AuthenticatedGateway, root: Br
         assert open_.until_closed()[0] == 1008
 
 
+def test_a_stream_ends_with_the_right_that_its_resource_takes(own: AuthenticatedGateway, root: Browser) -> None:
+    """Who is here is for those who act or administer."""
+    own.add("acting", "read", "subscribe", "act")
+    own.known("acting")
+    with Socket(root.root + "people", Authorization=_bearer(own, "acting")) as open_:
+        open_.raw()
+        own.tables["acting"] = own.tables["acting"].replace(', "act"', "")
+        own.write()
+        assert open_.until_closed()[0] == 1008
+
+
 def test_an_event_stream_ends_with_the_token_and_does_not_come_back(own: AuthenticatedGateway, root: Browser) -> None:
     own.add("listener", "read", "subscribe")
     own.known("listener")
