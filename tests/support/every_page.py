@@ -148,6 +148,9 @@ def obstacles(operator: PageUser, pages: dict[str, str]) -> list[Any]:
         for details in page.locator("details.action").all():
             details.locator("summary").first.click()
             expect(details.locator("form.invoke, .problem").first).to_be_visible()
+        if page.locator("#in-sparql").count():  # folded where rules can be made without it
+            expect(page.locator(".composer")).to_be_visible()
+            page.locator("#in-sparql > summary").click()
         if page.locator("textarea[data-editor]").count():
             expect(page.locator(".cm-editor").first).to_be_visible()
         found += [(kind, *each) for each in violations_in_both_schemes(page)]

@@ -10,7 +10,7 @@ import { RDF_TYPE, TITLE, lf, localName } from "../../pages/scripts/src/vocabula
 import { offerTelling, tell } from "./telling.js";
 
 const LINK = '.sections a[href$="/faults"]';
-const CARDS = "#robots [data-robot]";
+const CARDS = "#robots [data-robot]:has(.trouble)";
 const SEVERITIES = ["critical", "error", "warning", "information"];
 const PRESENCES = ["faulty", "offline"]; // worse than a warning, and not as bad as an error
 const WELL = 9;

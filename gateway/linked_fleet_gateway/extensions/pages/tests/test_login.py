@@ -81,7 +81,9 @@ def test_every_page_says_what_one_may_do(page: Page, watched: object, own: Authe
     page.goto(f"{own.root}{SEEN}/")
     _log_in(page, own, "lab")
     page.locator(".reader summary").click()
-    expect(page.locator(".reader div")).to_contain_text("Here you may read, subscribe, stop, act, reset and admin.")
+    expect(page.locator(".reader div")).to_contain_text(
+        "Here you may look, follow changes, stop, act, reset stops and administer."
+    )
     page.get_by_role("link", name="Your account").click()
     expect(page.get_by_role("row", name="act")).to_contain_text("lab-*")
     expect(page.get_by_role("navigation", name="Sections").get_by_role("link", name="Audit")).to_have_count(0)

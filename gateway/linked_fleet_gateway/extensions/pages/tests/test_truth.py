@@ -222,7 +222,7 @@ def test_a_card_follows_a_movement_that_no_command_caused(page: Page, watched: o
         card = page.locator("li[data-robot]")
         doing, moved = card.locator("[data-activity]"), card.locator("[data-moved]")
         expect(doing).to_have_text("moving")
-        expect(moved).to_have_text("")
+        expect(moved).to_have_text("now")
         page.reload()
         expect(doing).to_have_text("moving")
         assert post(client, of_robot(client, LF.StopRobot)).is_success
@@ -230,4 +230,4 @@ def test_a_card_follows_a_movement_that_no_command_caused(page: Page, watched: o
         expect(moved).to_contain_text(re.compile(r"^moved \d.* s ago$"))
         agent.send(signal.SIGUSR1)
         expect(doing).to_have_text("moving")
-        expect(moved).to_have_text("")
+        expect(moved).to_have_text("now")
