@@ -22,8 +22,9 @@ READ = """(hidden) => {
     }
     return found;
 }"""
-# A query and a shape in Turtle are for programs, wherever an editor shows them.
-FOR_PROGRAMS_ON_SCREEN = ", ".join((*FOR_PROGRAMS, ".cm-editor", ".solutions"))
+# A query and a shape in Turtle are for programs, wherever an editor shows them. What is for browsers without scripts is not
+# seen.
+FOR_PROGRAMS_ON_SCREEN = ", ".join((*FOR_PROGRAMS, ".cm-editor", ".solutions", "noscript"))
 CRATE = f"""{PREFIXES}
 <> a lf:Obstacle ; dcterms:title "crate" ; lf:position [ maths:x 9 ; maths:y 9 ; maths:z 0 ; vom:unit unit:M ] ;
     lf:geometry [ a lf:Sphere ; lf:radius [ vom:numericalValue 0.2 ; vom:unit unit:M ] ] .

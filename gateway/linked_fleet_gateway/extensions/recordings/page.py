@@ -49,7 +49,7 @@ def _row(facts: Facts, iri: NamedNode) -> Row:
         facts.first_value(iri, DCTERMS.created),
         facts.text(iri, DCTERMS.description) or facts.text(iri, LF.reason),
         f"{float(length.value):.1f} s" if length is not None else "",
-        f"{int(size) / 1000:,.0f} kB" if size else "",
+        f"{int(size) / 1e6:.2f} MB" if size else "",
         timeline_link(facts, facts.text(iri, DCTERMS.created)),
     )
 

@@ -15,6 +15,9 @@ export function start() {
     event.preventDefault();
     invite(form);
   });
+  // Before, a click would send the form as one of HTML.
+  const button = document.querySelector("form.invitation button[type=submit]");
+  button?.removeAttribute("hidden");
 }
 
 async function invite(form) {
