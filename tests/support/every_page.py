@@ -22,8 +22,8 @@ READ = """(hidden) => {
     }
     return found;
 }"""
-# A query and a shape in Turtle are for programs, wherever an editor shows them. What is for browsers without scripts is not
-# seen.
+# A query and a shape in Turtle are for programs, wherever an editor shows them. What is for browsers without scripts
+# is not seen.
 FOR_PROGRAMS_ON_SCREEN = ", ".join((*FOR_PROGRAMS, ".cm-editor", ".solutions", "noscript"))
 CRATE = f"""{PREFIXES}
 <> a lf:Obstacle ; dcterms:title "crate" ; lf:position [ maths:x 9 ; maths:y 9 ; maths:z 0 ; vom:unit unit:M ] ;

@@ -1,4 +1,4 @@
-"""Accessibility of pages on a phone (on a desktop: test_access.py), and that most of them do not move while they load."""
+"""Accessibility of pages on a phone (on a desktop: test_access.py), and that most do not move while they load."""
 
 from collections.abc import Iterator, Mapping
 
@@ -18,8 +18,8 @@ AT_ONCE, SETTLED_MS = 8, 1500
 ZOOMED: ViewportSize = {"width": 320, "height": 480}
 """What is left of a window of 1280 pixels at 400 % (WCAG 2.2, 1.4.10)."""
 FILLED_LATER = ("objects", "object", "map", "world", "rules", "invocation", "subscriptions")
-"""Pages with alternatives in forms, with lists and plans as high as what scripts find, or with what has come meanwhile, such
-as the subscriptions of the page itself."""
+"""Pages with alternatives in forms, with lists and plans as high as what scripts find, or with what has come meanwhile,
+such as the subscription of the page itself."""
 SHIFTS = """
     window.shifts = [];
     new PerformanceObserver((list) => {
