@@ -34,7 +34,6 @@ from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.request_events import RequestEvent, RequestEvents
 from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.http.writes import PatchReader
-from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.link.incoming import Hear, OfComponents
 from linked_fleet_gateway.rdf.serialise import JSON
@@ -337,8 +336,7 @@ class Core:
         """
 
         def tell(id: str, before: T | None, after: T | None) -> None:
-            # Who watches all below the fleet has the right to read, and perhaps no other.
-            if before is None and container.reading == (Right.READ,):
+            if before is None:
                 self.live.fan_out.add_resource(container.member_path(id))
             self.live.fan_out.mark_changed(container.member_path(id), container.path)
 

@@ -7,11 +7,11 @@ during a turn are not queued: their resources are only marked, and read in a lat
 import asyncio
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping
+from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping, Sequence
 from functools import partial
 from typing import Any, Protocol
 
-from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.identity.rights import Right, View
 from linked_fleet_gateway.resources.paths import is_below, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.subscription import Depth, Subscription
@@ -36,11 +36,17 @@ class Tree(Protocol):
 class FanOut:
     """All watched resources of this gateway. ``tree`` returns the present tree for a base URL and a view.
 
-    ``next_moved`` returns the next robot with a newer frame; None if there is none.
+    ``next_moved`` returns the next robot with a newer frame; None if there is none. ``reading`` returns the rights that
+    a path takes instead of the right to read.
     """
 
-    def __init__(self, tree: Callable[[str, View], Tree], next_moved: Callable[[], str | None] = lambda: None) -> None:
-        self.tree, self._next_moved = tree, next_moved
+    def __init__(
+        self,
+        tree: Callable[[str, View], Tree],
+        next_moved: Callable[[], str | None] = lambda: None,
+        reading: Callable[[str], Sequence[Right]] = lambda path: (),
+    ) -> None:
+        self.tree, self._next_moved, self._reading = tree, next_moved, reading
         self._topics: dict[str, dict[tuple[bool, View], Topic[Watcher]]] = {}
         self._of_robot: dict[str | None, dict[Topic[Watcher], None]] = {}
         self._subtrees: dict[Watcher, None] = {}
@@ -158,7 +164,10 @@ class FanOut:
         _tell(self.listeners, None)
         for watcher in self._subtrees:
             subscription = watcher.subscription
-            if is_below(path, subscription.resource) and path not in watcher.topics:
+            if not is_below(path, subscription.resource) or path in watcher.topics:
+                continue
+            # Who watches what is above has perhaps none of the rights that this one takes.
+            if self._reading(path) == self._reading(subscription.resource):
                 resource = self._resolve(path, subscription)
                 if resource is not None:
                     self._join(watcher, resource, values=True)

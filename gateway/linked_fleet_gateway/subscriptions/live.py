@@ -46,7 +46,7 @@ class Live:
         self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
         self.invocations = Invocations()
         self.faults = Faults()
-        self.fan_out = FanOut(self.tree, self.fleet.next_moved)
+        self.fan_out = FanOut(self.tree, self.fleet.next_moved, lambda path: self._branches.reading(path))
         self.fleet.frames.watched = self.fan_out.watched_robots
         self._invocation_listeners: dict[Callable[[Invocation], None], str] = {}
         self._branches = Branches()

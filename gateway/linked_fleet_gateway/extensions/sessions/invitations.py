@@ -90,29 +90,23 @@ class Invitations:
     """The invitations of a fleet, by the hashes of their tokens."""
 
     def __init__(self, records: Table[Invitation], opened: Callable[[str, Invitation], None]) -> None:
-        self._records, self._opened = records, opened
+        self._records, self.opened = records, opened
 
     def guest(self, credential: TokenHash) -> Identity | None:
         """Return the identity of a guest; None if the invitation was revoked. It may have expired."""
         return next((each.guest for each in self._records.known.values() if each.sha256 == credential.sha256), None)
 
-    def open(self, token: str, now_ns: int) -> TokenHash:
-        """Return the credential for the token of a link. Raises BadToken with a sentence if it is not valid now."""
+    def find(self, token: str, now_ns: int) -> tuple[str, Invitation]:
+        """Return the invitation of a link, with its id. Raises BadToken with a sentence if it is not valid now."""
         digest = hash_of(token) if _TOKEN.fullmatch(token) else ""
         found = [(id, each) for id, each in self._records.known.items() if compare_digest(each.sha256, digest)]
         if not digest or not found:
             raise BadToken("there is no such invitation, or it was revoked")
-        invitation = found[0][1]
+        id, invitation = found[0]
         if invitation.until_ns <= now_ns:
             ended = datetime.fromtimestamp(invitation.until_ns // 1_000_000_000, UTC)
             raise BadToken(f"this invitation ended at {ended:%Y-%m-%d %H:%M} UTC")
-        return TokenHash(digest)
-
-    def tell_opened(self, credential: TokenHash) -> None:
-        """Tell that the link of an invitation was opened, if it is still there."""
-        for id, each in self._records.known.items():
-            if each.sha256 == credential.sha256:
-                self._opened(id, each)
+        return id, invitation
 
     async def forget_expired(self) -> None:
         """Remove those that expired long ago. Raises RedisUnavailable."""

@@ -33,7 +33,7 @@ from linked_fleet_gateway.extensions.sessions.cookies import LOGIN, read_cookie,
 from linked_fleet_gateway.extensions.sessions.invitations import LINK_PATH
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import SESSION_S, PendingLogin, open_login, seal_login
 from linked_fleet_gateway.extensions.sessions.service import Sessions
-from linked_fleet_gateway.faces import Claims, Credential, Identity
+from linked_fleet_gateway.faces import Claims, Credential, Identity, TokenHash
 from linked_fleet_gateway.serving import BadToken, Issuer, IssuerFailed, TokenBuckets, arrival_of, read_body
 from linked_fleet_server.addresses import network_of
 
@@ -137,16 +137,16 @@ class Login:
         try:
             if sessions.invitations is None:
                 raise BadToken("this gateway has no invitations")
-            credential = sessions.invitations.open(request.query_params.get("token", ""), time.time_ns())
+            id, invitation = sessions.invitations.find(request.query_params.get("token", ""), time.time_ns())
         except BadToken as error:
             self._failed(request, error)
             sentence = str(error)
             failed = f"{sentence[:1].upper()}{sentence[1:]}. Ask who sent it to you for a new one."
             return _page(sessions, "/", None, status=401, failed=failed)
-        if wait_s := math.ceil(self._openings.take(credential.sha256)):
+        if wait_s := math.ceil(self._openings.take(invitation.sha256)):
             raise TooManyLogins(f"This link was opened too often. Try again in {wait_s} s.", retry_after_s=wait_s)
-        sessions.invitations.tell_opened(credential)
-        return await _logged_in(request, sessions, credential, "/")
+        sessions.invitations.opened(id, invitation)
+        return await _logged_in(request, sessions, TokenHash(invitation.sha256), "/")
 
     # -- at an issuer -------------------------------------------------------------------------------------------------
 

@@ -15,6 +15,7 @@ from browser import LF
 from linked_fleet_gateway.extensions.sessions import invitations as module
 from linked_fleet_gateway.extensions.sessions.login import FAILURES
 from running import eventually
+from subscribers import Socket
 
 pytestmark = pytest.mark.virtual
 _HTML = {"accept": "text/html"}
@@ -117,6 +118,21 @@ def test_inviting_takes_the_right_to_read_all_that_guests_see(here: Authenticate
     here.add("deputy", "admin")
     here.known("deputy")
     invited(here, by="deputy", status=403)
+
+
+def test_who_watches_the_whole_fleet_does_not_hear_of_invitations(here: AuthenticatedGateway) -> None:
+    here.add("watcher", "read", "subscribe")
+    here.known("watcher")
+    token = f"Bearer {here.tokens['watcher']}"
+    with Socket(here.root + "?depth=subtree", Authorization=token) as open_, here.browsing("all") as browser:
+        open_.raw()
+        invited(here)
+        fault = {"about": f"{here.root}{SEEN}/", "title": "It rattles."}
+        assert browser.http.post(here.root + "actions/raiseFault", json=fault).is_success
+        heard = ""
+        while "It rattles." not in heard:
+            heard += str(open_.raw())
+        assert "/invitations/" not in heard and "the visitors" not in heard
 
 
 def test_the_link_is_told_once(here: AuthenticatedGateway) -> None:
