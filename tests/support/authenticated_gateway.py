@@ -72,6 +72,16 @@ class AuthenticatedGateway:
 
 
 @contextlib.contextmanager
+def run_with_driver(folder: Path) -> Iterator[AuthenticatedGateway]:
+    """Run a gateway with somebody who administers it, and somebody who reads and acts."""
+    with run_authenticated(folder) as one:
+        one.add("admin", *ALL)
+        one.add("driver", "read", "act")
+        one.known("driver")
+        yield one
+
+
+@contextlib.contextmanager
 def run_authenticated(
     folder: Path, *more: str, robots: bool = True, issuer: Issuer | None = None
 ) -> Iterator[AuthenticatedGateway]:

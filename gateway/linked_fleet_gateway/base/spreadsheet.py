@@ -5,7 +5,7 @@ import io
 from collections.abc import Iterable, Sequence
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r", "\n")
-"""What begins a formula in spreadsheets."""
+"""The characters that begin a formula in spreadsheets."""
 
 
 def csv_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:

@@ -14,12 +14,12 @@ from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
 from linked_fleet_gateway.http.fields import field, parse_prefer
 from linked_fleet_gateway.http.lease_tokens import lock_token
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
+from linked_fleet_gateway.http.rehearsals import rehearsal_response
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import check_acceptable, created_response, read_change
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.rdf.validation import find_root, ground_statements, reachable_statements
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.body_values import Body, managed_statements, validate_body
 from linked_fleet_gateway.resources.container import AddMember, ChangeMember, Container
@@ -80,27 +80,11 @@ async def _checked(request: Request, container: Container[Any], record: Any) -> 
     identity, seen = request.caller, request.caller.visible_robots
     caller = Caller(request.caller_name, lock_token(request), visible_robots=seen, identity=identity)
     took_s, describe = await container.rehearse(record, request.tree().view, caller)
-    return _rehearsal(request, container, took_s, describe)
 
-
-def _rehearsal(
-    request: Request, container: Container[Any], took_s: float, describe: Callable[[Graph, Node], None]
-) -> Response:
     def whole(graph: Graph) -> None:
         describe_rehearsal(graph, request.base, container.path, None, {}, {}, took_s, (), {}, describe=describe)
 
-    def plain() -> bytes:
-        from linked_fleet_gateway.resources.plain_json import node_json
-
-        graph = Graph()
-        whole(graph)
-        root = find_root(graph.triples, NamedNode(request.base + container.path))
-        return node_json(graph.triples, root, LF.RehearsalShape)
-
-    rehearsal = Resource(container.path, "Rehearsal", whole, (), documents={JSON: plain})
-    shown = request.services.representations.negotiate(request.effective_accept, rehearsal, request.base)
-    headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
-    return Response(shown.body, 200, headers | {"preference-applied": "dry-run, return=representation"})
+    return rehearsal_response(request, container.path, "Rehearsal", whole, "dry-run, return=representation")
 
 
 async def _end_actions(request: Request, container: Container[Any], id: str) -> None:

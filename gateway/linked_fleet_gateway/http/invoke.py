@@ -33,6 +33,7 @@ from linked_fleet_gateway.http.fields import Prefer, field, parse_prefer
 from linked_fleet_gateway.http.lease_tokens import lock_token
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
+from linked_fleet_gateway.http.rehearsals import rehearsal_response
 from linked_fleet_gateway.http.representation import Representation
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.identity.rights import Right
@@ -305,19 +306,7 @@ def _rehearsal(request: Request, offer: Offer, plan: Motion | Halt | Operation, 
             rehearsed.describe,
         )
 
-    def plain() -> bytes:
-        from linked_fleet_gateway.resources.plain_json import node_json
-
-        graph = Graph()
-        describe(graph)
-        return node_json(
-            graph.triples, find_root(graph.triples, NamedNode(request.base + offer.path)), LF.RehearsalShape
-        )
-
-    rehearsal = Resource(offer.path, f"Rehearsal of {offer.name}", describe, (), documents={JSON: plain})
-    shown = request.services.representations.negotiate(request.effective_accept, rehearsal, request.base)
-    headers = {"content-type": shown.content_type, "cache-control": "no-store", "vary": "Accept, Prefer"}
-    return Response(shown.body, 200, headers | {"preference-applied": "dry-run"})
+    return rehearsal_response(request, offer.path, f"Rehearsal of {offer.name}", describe, "dry-run")
 
 
 def _show(request: Request, path: str) -> Representation:

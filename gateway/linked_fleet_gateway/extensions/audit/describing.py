@@ -31,7 +31,7 @@ _COLUMNS = ("time", "who", "what", "target", "robot", "status", "reason", "resul
 
 
 class Selected(Struct, frozen=True):
-    """What a query has selected; ``addresses``: those of the paths in it of which there is a resource."""
+    """The entries that a query has selected; ``addresses``: those of the paths in them that lead to a resource."""
 
     query: Query
     found: Found

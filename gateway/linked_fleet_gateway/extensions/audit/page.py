@@ -75,7 +75,7 @@ def _entry(facts: Facts, iri: NamedNode) -> Entry:
         facts.text(agent, DCTERMS.title) if agent is not None else "",
         texts.capitalized(described(what, path)),
         _link(path, facts.iri_of(iri, PROV.used)),
-        Link(texts.place(robot.value, facts.root), robot.value, robot.value) if isinstance(robot, NamedNode) else None,
+        facts.place_link(robot) if isinstance(robot, NamedNode) else None,
         outcome,
         state,
         facts.text(iri, LF.reason),

@@ -28,7 +28,7 @@ OUTCOMES: tuple[str, ...] = get_args(Outcome)
 
 
 class Query(Struct, frozen=True):
-    """What is asked for. Empty texts and None select everything.
+    """A query of the audit. Empty texts and None select everything.
 
     ``resource``: the path of a resource, which stands for all below it. ``action``: a method, an event or the name of
     an action. ``text``: words that an entry contains. ``from_ns`` is included, ``until_ns`` is not. ``pages``: also

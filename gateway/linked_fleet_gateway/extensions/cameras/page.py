@@ -7,7 +7,6 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.api import LDP, RDFS
 from linked_fleet_gateway.extensions.cameras.resources import LF, PATH
-from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part
 from linked_fleet_gateway.extensions.pages.thing_views import AROUND, PRESENCE, presence
 
@@ -37,15 +36,16 @@ class Seen:
 def cameras(facts: Facts, iri: NamedNode) -> Part:
     """Show what each camera sees; scripts fetch the pictures of those in view."""
     members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
-    seen = [Seen(facts.link(each), _robot(facts, each), facts.text(each, LF.reason)) for each in members]
+    robots = [facts.one(each, LF.ofRobot) for each in members]
+    seen = [
+        Seen(
+            facts.link(each),
+            facts.place_link(robot) if isinstance(robot, NamedNode) else None,
+            facts.text(each, LF.reason),
+        )
+        for each, robot in zip(members, robots, strict=True)
+    ]
     return Part({"cameras": seen, "all": facts.root + PATH[1:]}, {LDP.contains, RDFS.seeAlso}, {*members})
-
-
-def _robot(facts: Facts, camera: NamedNode) -> Link | None:
-    robot = facts.one(camera, LF.ofRobot)
-    if not isinstance(robot, NamedNode):
-        return None
-    return Link(texts.place(robot.value, facts.root), robot.value, robot.value)
 
 
 _TEMPLATES = Path(__file__).parent / "templates"

@@ -1,6 +1,6 @@
-"""What the list of robots says of the faults of each robot.
+"""Summaries of the faults of each robot, for the list of robots.
 
-It says nothing in queries, which have the faults themselves.
+Queries do not have them, because they have the faults themselves.
 """
 
 from collections.abc import Iterable, Iterator, Mapping

@@ -1,4 +1,4 @@
-"""What is wrong with a mission: errors that name the steps, and what in their bodies is at fault. Pure."""
+"""Findings about a mission: errors that name the steps, and the parts of their bodies that are at fault. Pure."""
 
 import re
 from collections.abc import Iterator, Sequence

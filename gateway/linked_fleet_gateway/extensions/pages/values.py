@@ -273,6 +273,10 @@ class Facts:
         of_robot = iri.value.startswith(self.root) and texts.is_of_robot(iri.value, self.root)
         return replace(link, text=texts.thing(iri.value, self.root)) if of_robot else link
 
+    def place_link(self, iri: NamedNode) -> Link:
+        """Return a link whose text is the place of its target in the fleet, such as the name of a robot."""
+        return Link(texts.place(iri.value, self.root), iri.value, iri.value)
+
     def link(self, iri: NamedNode) -> Link:
         """Return a link with the title of its target, if the triples contain it."""
         title = texts.readable_title(self.text(iri, DCTERMS.title), self.root) if iri in self.of else ""

@@ -13,11 +13,16 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 from uuid import UUID
 
-from mcap.reader import make_reader
-
+from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.rdf.serialise import NoContentYet
+
+if TYPE_CHECKING:
+    from mcap import reader as mcap
+else:
+    mcap = LazyModule("mcap.reader")
 
 log = logging.getLogger(__name__)
 
@@ -70,7 +75,7 @@ def look_up(folder: Path) -> dict[str, dict[str, Recorded]]:
 def _recorded(path: Path) -> Recorded:
     try:
         with path.open("rb") as file:
-            reader = make_reader(file)
+            reader = mcap.make_reader(file)
             summary = reader.get_summary()
             statistics = None if summary is None else summary.statistics
             length_ns = 0 if statistics is None else statistics.message_end_time - statistics.message_start_time

@@ -56,8 +56,8 @@ class Job:
 
     @property
     def length_s(self) -> float:
-        times = [wall_ns(each) for each in self.excerpt.frames]
-        return max(0, times[-1] - times[0]) / 1e9 if times else 0.0
+        frames = self.excerpt.frames
+        return max(0, wall_ns(frames[-1]) - wall_ns(frames[0])) / 1e9 if frames else 0.0
 
     def write(self, path: Path) -> Recorded:
         """Write the file. Raises OSError."""

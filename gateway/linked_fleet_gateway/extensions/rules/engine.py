@@ -186,8 +186,9 @@ class Engine:
         look = self._causes.observe(self._live.fleet.robots, self._live.invocations, at_s)
         try:
             there = await self._ask(rule, creator.visible_robots)
+            before = held.keys if held is not None else None if was_suspended else await self._store.rows_held(known)
             since_s = {key: at_s if held is None else held.since_s.get(key, at_s) for key in there}
-            now = there if held is None else self._ripe(rule, there, held.keys, since_s, at_s)
+            now = there if before is None else self._ripe(rule, there, before, since_s, at_s)
             causes = (
                 {} if held is None else await self._causes_of(rule, creator.visible_robots, held, edge(held.keys, now))
             )
@@ -201,9 +202,6 @@ class Engine:
                 await self._note_failure(known, error)
             return held
         await self._note_seen()
-        before = held.keys if held is not None else None if was_suspended else await self._store.rows_held(known)
-        if held is None and before is not None:
-            now = self._ripe(rule, there, before, since_s, at_s)
         evaluated = Evaluation(known.revision, set(now), look, at_s, since_s)
         if before is None:  # rows that hold at the start have not started to hold
             await self._store.store_first_rows(known, now)

@@ -144,16 +144,12 @@ def _entry(facts: Facts, node: NamedNode, now_s: float) -> Entry:
         look,
         _COLOURS[look],
         facts.text(agent, DCTERMS.title) if agent is not None else "",
-        [_robot(facts, each) for each in facts.all(node, LF.ofRobot) if isinstance(each, NamedNode)],
+        [facts.place_link(each) for each in facts.all(node, LF.ofRobot) if isinstance(each, NamedNode)],
         next((found for each in begins if (found := facts.first_value(node, each))), None),
         facts.first_value(node, PROV.endedAtTime),
         begin_s,
         end_s,
     )
-
-
-def _robot(facts: Facts, iri: NamedNode) -> Link:
-    return Link(texts.place(iri.value, facts.root), iri.value, iri.value)
 
 
 # -- the chart --------------------------------------------------------------------------------------------------------
@@ -169,7 +165,7 @@ def _rows(
             of.setdefault(name, []).append(each)
     rows = [] if window.robot else [_row(Link("Fleet", facts.root, facts.root), "", of.get("", []), scale)]
     for iri in robots:
-        robot = _robot(facts, iri)
+        robot = facts.place_link(iri)
         alone = "" if window.robot else address + query_of(Window(window.from_ns, window.until_ns, robot.text))
         rows.append(_row(robot, alone, of.get(iri.value, []), scale))
     return rows

@@ -1,4 +1,4 @@
-"""What a request selects of the audit."""
+"""A request selects entries of the audit."""
 
 from urllib.parse import parse_qsl
 

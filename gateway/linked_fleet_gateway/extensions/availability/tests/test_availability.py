@@ -6,7 +6,7 @@ from collections.abc import Iterator
 import pytest
 from rdflib import RDF, Literal, URIRef
 
-from authenticated_gateway import ALL, SEEN, AuthenticatedGateway, run_authenticated
+from authenticated_gateway import SEEN, AuthenticatedGateway, run_with_driver
 from browser import LF, Browser
 from gateway_group import Gateway, gateways, hub
 from redis_servers import single
@@ -18,10 +18,7 @@ pytestmark = pytest.mark.virtual
 
 @pytest.fixture(scope="module")
 def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AuthenticatedGateway]:
-    with run_authenticated(tmp_path_factory.mktemp("guarded")) as one:
-        one.add("admin", *ALL)
-        one.add("driver", "read", "act")
-        one.known("driver")
+    with run_with_driver(tmp_path_factory.mktemp("guarded")) as one:
         yield one
 
 
