@@ -13,7 +13,8 @@ from linked_fleet_gateway.api import Property
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.span import Span, lexical_time, query
-from linked_fleet_gateway.extensions.history.track import Excerpt, Series, Track
+from linked_fleet_gateway.extensions.history.thinning import GAP_NS
+from linked_fleet_gateway.extensions.history.track import Excerpt, Series, Track, wall_ns
 from linked_fleet_gateway.faces import Describer
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import (
@@ -35,7 +36,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
 LF = CORE.extended(
     "History HistoryList HistoryListShape HistoryShape histories history historySpan samplingPeriod oldestSample "
-    "newestSample sampleCount from to last limit"
+    "newestSample sampleCount from to last limit at diskSpan"
 )
 
 _READY = {"the last 10 s": "PT10S", "the last minute": "PT1M"}
@@ -43,6 +44,7 @@ _VARIABLES = {
     "from": (LF.from_, "xsd:dateTime; samples from then on"),
     "to": (LF.to, "xsd:dateTime; samples before then"),
     "last": (LF.last, "xsd:duration; length of the span up to the newest sample"),
+    "at": (LF.at, "xsd:dateTime; the single sample that held then, instead of a span"),
     "limit": (LF.limit, "maximum number of samples: the first ones of a span, or the newest if it has no beginning"),
 }
 
@@ -53,14 +55,16 @@ Extent = tuple[Literal | NamedNode, Literal | NamedNode, Literal]
 
 @dataclass(frozen=True)
 class Page:
-    """One page of a history, and the queries of adjacent pages; ``time_range`` and ``count`` are those of the whole
-    history.
+    """One page of a history, and the queries of adjacent pages; ``time_range`` is that of the whole history, ``count`` the
+    number of its samples in memory.
     """
 
     span: Span
     excerpt: Excerpt | None = None
     time_range: tuple[int, int] | None = None
     count: int = 0
+    urdf: str = ""
+    """The URDF of the robot then, if it was read from disk."""
 
     @property
     def next(self) -> str:
@@ -93,8 +97,17 @@ def page_of(track: Track | None, span: Span, most: int) -> Page:
     """Return the requested part of a track, with at most ``most`` samples."""
     if track is None or track.time_range is None:
         return Page(span)
-    excerpt = track.excerpt(span.begin(track.time_range[1]), span.end_ns, most)
-    return Page(span, excerpt, track.time_range, len(track))
+    begin_ns, end_ns = span.begin(track.time_range[1]), span.end_ns
+    if span.at_ns is not None:
+        return Page(span, _held(track, span.at_ns), track.time_range, len(track))
+    return Page(span, track.excerpt(begin_ns, end_ns, most), track.time_range, len(track))
+
+
+def _held(track: Track, at_ns: int) -> Excerpt:
+    """Return the frame that held at a time, if the robot was heard then."""
+    found = track.excerpt(None, at_ns + 1, 1)
+    heard = found.frames and at_ns - wall_ns(found.frames[0]) <= GAP_NS
+    return Excerpt(track.joints, found.frames if heard else ())
 
 
 def describe_robot(
@@ -117,6 +130,7 @@ def describe_robot(
     graph.add(iri, HYBRIT.blueprint, LF.HistoryShape, NamedNode(iri.value + "/blueprint"))
     graph.scalar(iri, LF.historySpan, history.span_s, SECOND)
     graph.scalar(iri, LF.samplingPeriod, 1 / history.rate_hz, SECOND)
+    describe_disk(graph, iri, history)
     describe_extent(graph, iri, about[1])
     for title, span in _READY.items():
         _view(graph, iri, f"?last={span}&as=csv", f"{title}, joint states", CSV)
@@ -200,6 +214,14 @@ def describe_result(graph: Graph, one: BlankNode, shape: NamedNode, terms: Seque
 
 def _vector(graph: Graph, node: BlankNode, predicate: NamedNode, terms: Sequence[Term], unit: Unit) -> None:
     graph.unit(graph.components(node, predicate, MATHS.Vector3D, VECTOR_AXES, terms), unit)
+
+
+def describe_disk(graph: Graph, iri: NamedNode, history: History) -> None:
+    """Add for how long samples are kept on disk, and what is wrong with it."""
+    if (archive := history.archive) is not None:
+        graph.scalar(iri, LF.diskSpan, archive.keep_s, SECOND)
+        for each in archive.findings:
+            graph.add(iri, CORE.fault, Literal(each))
 
 
 def extent(page: Page) -> Extent:

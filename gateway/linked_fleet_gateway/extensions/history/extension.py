@@ -5,9 +5,10 @@ pace of the client, with links to adjacent pages.
 """
 
 import asyncio
-from collections.abc import AsyncIterator, Iterator, Mapping, Sequence
-from contextlib import asynccontextmanager
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -23,11 +24,13 @@ from linked_fleet_gateway.api import (
     Request,
     RequestView,
     Resource,
+    counter,
     gauge,
     read_resource,
 )
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
+from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.operations import operations
 from linked_fleet_gateway.extensions.history.recorder import History
@@ -51,8 +54,12 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
 
     representations, accept = request.services.representations, request.effective_accept
     shown = past.select_page(parse_span(request.query_params.multi_items()))
+    chosen = representations.choose_media_type(accept, shown.resource)
+    is_text = chosen in TEXT_TYPES
+    if (on_disk := shown.on_disk) is not None:
+        async with past.history.worker():
+            shown = await asyncio.to_thread(on_disk, chosen in (CSV, MCAP))
     selected = shown.resource
-    is_text = representations.choose_media_type(accept, selected) in TEXT_TYPES
 
     def templated() -> Resource:
         template = shown.template() if is_text else None
@@ -114,6 +121,17 @@ class HistorySettings(Section):
         "24",
         "memory (MB) of all histories; when it is full, older samples are thinned out",
     )
+    disk_hours: int = setting(
+        whole_number(0, 8784), "48", "hours to keep on disk, in the state folder; 0: nothing is written"
+    )
+    disk_mb: int = setting(
+        whole_number(10, 100_000_000), "4000", "MB to keep on disk at most; the oldest hours are removed"
+    )
+    disk_hz: int = setting(
+        whole_number(1, 100),
+        "2",
+        "samples a second to keep on disk of each robot that moves, at most LINKED_FLEET_HISTORY_HZ",
+    )
 
 
 class HistoryExtension(Extension):
@@ -138,7 +156,13 @@ class HistoryExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         settings, world = core.section(HistorySettings), core.optional_service(World)
-        async with History(core.live.fleet, float(settings.s), float(settings.hz), settings.mb * 10**6) as history:
+        archive = _archive(core, settings)
+        async with AsyncExitStack() as stack:
+            if archive is not None:
+                await stack.enter_async_context(archive.running())
+            most = settings.mb * 10**6
+            history = History(core.live.fleet, float(settings.s), float(settings.hz), most, archive)
+            await stack.enter_async_context(history)
             yield Mount(
                 branches=(list_branch(history), *(history_branches(history, world) if settings.s else ())),
                 readers={RecordedHistory: read_history},
@@ -148,6 +172,37 @@ class HistoryExtension(Extension):
             )
 
 
+def _archive(core: Core, settings: HistorySettings) -> Archive | None:
+    if not settings.s or not settings.disk_hours:
+        return None
+
+    def failed(error: Exception | None) -> None:
+        """Say in the health of the gateway that nothing is written, or no longer."""
+        with core.faults.guard("History", thing="writing to disk"):
+            if error is not None:
+                raise error
+
+    loop = asyncio.get_running_loop()
+    rate_hz = float(min(settings.disk_hz, settings.hz))
+    return Archive(
+        core.state_path / "history",
+        settings.disk_hours * 3600.0,
+        settings.disk_mb * 10**6,
+        rate_hz,
+        lambda error: _in_loop(loop, partial(failed, error)),
+    )
+
+
+def _in_loop(loop: asyncio.AbstractEventLoop, call: Callable[[], None]) -> None:
+    with suppress(RuntimeError):  # the gateway has ended
+        loop.call_soon_threadsafe(call)
+
+
 def _metrics(history: History) -> Iterator[Metric]:
     yield gauge("history_bytes", "Memory of the histories of all robots.", history.bytes)
     yield gauge("history_samples", "Samples in the histories of all robots.", history.samples)
+    if (archive := history.archive) is not None:
+        yield gauge("history_disk_bytes", "Size of the histories on disk.", archive.bytes)
+        yield gauge("history_disk_segments", "Files of the histories on disk.", archive.segments)
+        yield gauge("history_disk_damaged", "Files of the histories on disk that cannot be read.", len(archive.damaged))
+        yield counter("history_disk_lost", "Samples that could not be written to disk.", archive.lost)

@@ -5,17 +5,19 @@ from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
-from pyoxigraph import NamedNode
+from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.extensions.history.describe import LF
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYDRA, QUDT, RDFS, SOSA
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYDRA, QUDT, RDFS, SOSA, VOM
+from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_rdf.turtle import Term
 
 _TEMPLATES = Path(__file__).parent / "templates"
+_MOST_MINUTES = 120
 
 
 # -- the list -------------------------------------------------------------------------------------------------------
@@ -37,9 +39,14 @@ def histories(facts: Facts, iri: NamedNode) -> Part:
     robots = [facts.one(each, LF.ofRobot) for each in members]
     listed = [_listed(facts, *each) for each in zip(members, robots, strict=True)]
     presences = sorted({each.presence.state.name for each in listed if each.presence.state})
-    more = {"listed": listed, "choices": [("presence", "Presence", presences)]}
+    more = {
+        "listed": listed,
+        "choices": [("presence", "Presence", presences)],
+        "findings": [each.value for each in facts.all(iri, CORE.fault) if isinstance(each, Literal)],
+        "disk": _hours(facts, iri),
+    }
     done = {*members, *(each for each in robots if isinstance(each, NamedNode))}
-    return Part(more, {DCTERMS.hasPart, LF.historySpan, RDFS.seeAlso}, done)
+    return Part(more, {DCTERMS.hasPart, LF.historySpan, LF.diskSpan, CORE.fault, RDFS.seeAlso}, done)
 
 
 def _listed(facts: Facts, iri: NamedNode, robot: Term | None) -> HistoryRow:
@@ -49,12 +56,20 @@ def _listed(facts: Facts, iri: NamedNode, robot: Term | None) -> HistoryRow:
     return HistoryRow(link, facts.link(robot), presence(facts, robot), length, facts.text(iri, LF.sampleCount))
 
 
+def _hours(facts: Facts, iri: NamedNode) -> str:
+    """Return for how long samples are kept on disk, in words; empty if nothing is."""
+    span = facts.one(iri, LF.diskSpan, VOM.numericalValue)
+    return "" if span is None else f"{float(span.value) / 3600:.0f} h"
+
+
 def _length(oldest: str, newest: str) -> str:
     """Return the time between two xsd:dateTime in words; empty if one is unknown."""
     if not oldest or not newest:
         return ""
     length = datetime.fromisoformat(newest) - datetime.fromisoformat(oldest)
     minutes, seconds = divmod(round(length.total_seconds()), 60)
+    if minutes >= _MOST_MINUTES:
+        return f"{minutes // 60} h {minutes % 60} min"
     return " ".join([f"{minutes} min", *([f"{seconds} s"] if seconds else [])]) if minutes else f"{seconds} s"
 
 

@@ -14,6 +14,8 @@ from typing import Self
 
 from linked_fleet_gateway.api import cancel_tasks, supervised, time_sliced
 from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_gateway.extensions.history.archive import Archive
+from linked_fleet_gateway.extensions.history.segment import Layout
 from linked_fleet_gateway.extensions.history.track import Track, joints_of
 from linked_fleet_gateway.fleet.events import Latest
 from linked_fleet_gateway.fleet.fleet import Fleet
@@ -36,11 +38,14 @@ class History:
     """Records histories; an async context manager.
 
     ``span_s`` is the retention time, ``rate_hz`` the highest number of samples per second and robot, ``most_bytes`` the
-    memory of all robots together. If it is short, each robot gets an equal share.
+    memory of all robots together. If it is short, each robot gets an equal share. ``archive`` is what is kept on disk.
     """
 
-    def __init__(self, fleet: Fleet, span_s: float, rate_hz: float, most_bytes: int) -> None:
+    def __init__(
+        self, fleet: Fleet, span_s: float, rate_hz: float, most_bytes: int, archive: Archive | None = None
+    ) -> None:
         self.span_s, self.rate_hz, self.most_bytes = span_s, rate_hz, most_bytes
+        self.archive = archive
         self.bytes = 0
         self.files = asyncio.Semaphore(FILES)
         self._workers = asyncio.Semaphore(_WORKERS)
@@ -122,6 +127,8 @@ class History:
             self.bytes -= track.bytes
             track.append(frame, int(self.span_s * 1e9))
             self.bytes += track.bytes
+            if self.archive is not None:
+                self.archive.add(latest.robot, frame)
 
     def _begin(self, latest: Latest, before: Track | None) -> Track | None:
         """Start a track for another run or description; other joints start a new history."""
@@ -133,6 +140,9 @@ class History:
             before.run = latest
             return before
         self._forget(robot.name)
+        if self.archive is not None and robot.description is not None:
+            urdf = robot.description.urdf
+            self.archive.begin(Layout(robot.name, joints.names, joints.floating, urdf))
         track = self._tracks[robot.name] = Track(latest, joints)
         return track
 

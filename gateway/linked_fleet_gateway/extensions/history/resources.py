@@ -4,7 +4,7 @@ The list, ``/history``, has the history of each robot with its extent, for peopl
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 from pyoxigraph import Literal, NamedNode
@@ -26,10 +26,12 @@ from linked_fleet_gateway.api import (
     thing_at,
 )
 from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_gateway.extensions.history.beyond import beyond, with_extent
 from linked_fleet_gateway.extensions.history.compiled import history_template, robot_history_template
 from linked_fleet_gateway.extensions.history.describe import (
     LF,
     Page,
+    describe_disk,
     describe_extent,
     describe_property,
     describe_robot,
@@ -40,6 +42,7 @@ from linked_fleet_gateway.extensions.history.files import CSV, MCAP, recording, 
 from linked_fleet_gateway.extensions.history.ground import ground_of
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.span import Span
+from linked_fleet_gateway.extensions.history.thinning import is_gap
 from linked_fleet_gateway.extensions.history.track import (
     Excerpt,
     Joints,
@@ -50,6 +53,7 @@ from linked_fleet_gateway.extensions.history.track import (
     has_history,
     joint_series,
     joints_of,
+    layout_size,
     link_series,
     samples,
 )
@@ -82,6 +86,8 @@ class HistoryPage:
     """Returns the kind of the document, with its samples; in a thread unless it ``is_short``."""
     is_short: bool = False
     """True if its samples are read in a millisecond or two."""
+    on_disk: Callable[[bool], "HistoryPage"] | None = None
+    """Returns the page with what only the disk has, in a thread; True for that of a file."""
 
 
 @dataclass(frozen=True)
@@ -118,27 +124,33 @@ def _of_robot(history: History, world: World | None, view: RequestView, robot: R
     def shown(span: Span) -> HistoryPage:
         track, description = history.track(robot), robot.description
         joints, ground = _joints(track, robot), ground_of(world, robot)
-        page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
-
         below = [each.removeprefix(robot_path(robot.name)) for each in measured_paths(robot)]
 
-        def describe(graph: Graph) -> None:
-            about = Literal(title), extent(page)
-            describe_robot(graph, view.base, robot_path(robot.name), robot, history, about, below)
+        def made(page: Page, file: Page) -> HistoryPage:
+            page = with_extent(history.archive, robot.name, page)
 
-        def csv() -> bytes:
-            excerpt = _kept(file, joints)
-            return table(all_columns(robot.name, excerpt.joints), samples(excerpt))
+            def describe(graph: Graph) -> None:
+                about = Literal(title), extent(page)
+                describe_robot(graph, view.base, robot_path(robot.name), robot, history, about, below)
 
-        def mcap() -> bytes:
-            return recording(_kept(file, joints), _urdf(robot.name, description, view.base), ground=ground)
+            def csv() -> bytes:
+                excerpt = _kept(file, joints)
+                return table(all_columns(robot.name, excerpt.joints), samples(excerpt))
 
-        documents = {CSV: Rendition(csv, _file(path, "csv")), MCAP: Rendition(mcap, _file(path, "mcap"))}
-        resource = Resource(
-            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
-        )
-        template = partial(robot_history_template, view.base, robot, history, page, below)
-        return HistoryPage(resource, page, file, template, is_short=True)
+            def mcap() -> bytes:
+                kept = _heard(_kept(file, joints))
+                now = not file.urdf or kept.joints.model is robot.model
+                urdf = _urdf(robot.name, description, view.base) if now else file.urdf.encode()
+                return recording(kept, urdf, ground=ground)
+
+            documents = {CSV: Rendition(csv, _file(path, "csv")), MCAP: Rendition(mcap, _file(path, "mcap"))}
+            resource = Resource(
+                path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
+            )
+            template = partial(robot_history_template, view.base, robot, history, page, below)
+            return HistoryPage(resource, page, file, template, is_short=True)
+
+        return _pages(history, robot, track, span, made)
 
     return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
 
@@ -151,28 +163,56 @@ def _of_property(history: History, view: RequestView, robot: Robot, owner: str, 
 
     def shown(span: Span) -> HistoryPage:
         track = history.track(robot)
-        joints = _joints(track, robot)
-        page, file = page_of(track, span, span.observations), page_of(track, span, _most(track, span))
-        series = None if joints is None else _series(joints, robot, owner, item)
+        present = _joints(track, robot)
 
-        def describe(graph: Graph) -> None:
-            iri, about, thing, robots = map(view.iri, (path, of, owner, whole))
-            describe_property(graph, iri, about, thing, robots, item, series, page)
+        def made(page: Page, file: Page) -> HistoryPage:
+            page = with_extent(history.archive, robot.name, page)
+            joints = present if page.excerpt is None else page.excerpt.joints
+            series = None if joints is None else _series(joints, robot, owner, item)
 
-        def csv() -> bytes:
-            if series is None:
-                raise WriteError(f"{robot.name} has not published its description")
-            return table(series.columns, series.samples(_kept(file, joints)))
+            def describe(graph: Graph) -> None:
+                iri, about, thing, robots = map(view.iri, (path, of, owner, whole))
+                describe_property(graph, iri, about, thing, robots, item, series, page)
 
-        documents = {CSV: Rendition(csv, _file(path, "csv"))}
+            def csv() -> bytes:
+                kept = _kept(file, present)
+                known = _series(kept.joints, robot, owner, item)
+                if known is None:
+                    raise WriteError(f"{robot.name} had no such joint then")
+                return table(known.columns, known.samples(kept))
 
-        resource = Resource(
-            path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
-        )
-        template = partial(history_template, view.base, of, item, series, page)
-        return HistoryPage(resource, page, file, template, _is_short(page, series))
+            documents = {CSV: Rendition(csv, _file(path, "csv"))}
+            resource = Resource(
+                path, title, describe, source=source, own_paths=own, documents=documents, publishes_changes=False
+            )
+            template = partial(history_template, view.base, of, item, series, page)
+            return HistoryPage(resource, page, file, template, _is_short(page, series))
+
+        return _pages(history, robot, track, span, made)
 
     return Resource(path, title, None, source=source, own_paths=own, remote=RecordedHistory(history, shown))
+
+
+def _pages(
+    history: History, robot: Robot, track: Track | None, span: Span, made: Callable[[Page, Page], HistoryPage]
+) -> HistoryPage:
+    """Return what memory has of a span, and how the rest is read."""
+    shortest, longest = span.observations, _most(history, track, robot, span)
+    page, file = page_of(track, span, shortest), page_of(track, span, longest)
+    of_page, of_file = (
+        beyond(history.archive, robot.name, each, most) for each, most in ((page, shortest), (file, longest))
+    )
+    found = made(page, file)
+    if of_page is None and of_file is None:
+        return found
+
+    def on_disk(is_file: bool) -> HistoryPage:
+        read = of_file if is_file else of_page
+        if read is None:
+            return found
+        return made(page, read()) if is_file else made(read(), file)
+
+    return replace(found, on_disk=on_disk)
 
 
 def _file(path: str, suffix: str) -> str:
@@ -211,10 +251,15 @@ def _joints(track: Track | None, robot: Robot) -> Joints | None:
     return joints_of(robot) if track is None else track.joints
 
 
-def _most(track: Track | None, span: Span) -> int:
+def _most(history: History, track: Track | None, robot: Robot, span: Span) -> int:
     """Return the number of samples that fit into one file."""
-    newest = None if track is None else track.newest
-    fit = 1 if newest is None else max(1, _FILE_BYTES // len(newest))
+    newest, joints = None if track is None else track.newest, _joints(track, robot)
+    if newest is not None:
+        fit = max(1, _FILE_BYTES // len(newest))
+    elif joints is not None and history.archive is not None:
+        fit = max(1, _FILE_BYTES // layout_size(joints))
+    else:
+        fit = 1
     return fit if span.limit is None else min(span.limit, fit)
 
 
@@ -225,6 +270,11 @@ def _kept(page: Page, joints: Joints | None) -> Excerpt:
     if joints is None:
         raise WriteError("the robot has not published its description")
     return Excerpt(joints)
+
+
+def _heard(excerpt: Excerpt) -> Excerpt:
+    """Return the excerpt without the gaps in it, for which ROS has no message."""
+    return replace(excerpt, frames=tuple(each for each in excerpt.frames if not is_gap(each)))
 
 
 def _urdf(robot: str, description: Description | None, base: str) -> bytes:
@@ -275,7 +325,7 @@ def _list(history: History, view: RequestView) -> Resource:
                 listed.append(_Listed(each, _extent(history, each)))
 
         def describe(graph: Graph) -> None:
-            _describe(graph, view, history.span_s, listed)
+            _describe(graph, view, history, listed)
 
         resource = Resource(HISTORIES, "History", describe, own_paths=own, publishes_changes=False)
         return HistoryPage(resource, Page(span), Page(span))
@@ -285,16 +335,18 @@ def _list(history: History, view: RequestView) -> Resource:
 
 def _extent(history: History, robot: Robot) -> Page:
     track = history.track(robot)
-    return Page(Span()) if track is None else Page(Span(), None, track.time_range, len(track))
+    page = Page(Span()) if track is None else Page(Span(), None, track.time_range, len(track))
+    return with_extent(history.archive, robot.name, page)
 
 
-def _describe(graph: Graph, view: RequestView, span_s: float, listed: Sequence[_Listed]) -> None:
+def _describe(graph: Graph, view: RequestView, history: History, listed: Sequence[_Listed]) -> None:
     iri, say = view.iri(HISTORIES), Describer(view.base)
     graph.a(iri, LF.HistoryList)
     graph.add(iri, DCTERMS.title, Literal("History"))
     graph.add(iri, RDFS.seeAlso, view.iri("/"))
     graph.add(iri, HYBRIT.blueprint, LF.HistoryListShape, NamedNode(iri.value + "/blueprint"))
-    graph.scalar(iri, LF.historySpan, span_s, SECOND)
+    graph.scalar(iri, LF.historySpan, history.span_s, SECOND)
+    describe_disk(graph, iri, history)
     for each in listed:
         with view.faults.guard(_LIST, each.robot.name, "its row"):
             _describe_row(graph, view, say, each)

@@ -14,7 +14,7 @@ _NEWEST = 10
 """Observations in a response to a query without a time."""
 _SECOND_NS = 1_000_000_000
 _LATEST_NS = 2**63 - 1  # no frame has a later stamp, nor one before 1970
-_VARIABLES = ("from", "to", "last", "limit")
+_VARIABLES = ("from", "to", "last", "limit", "at")
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+ -]\d\d:\d\d)", re.ASCII)
 _END_OF_DAY = "T24:00:00"
 _MOST_ZONE = timedelta(hours=14)
@@ -35,6 +35,8 @@ class Span:
     end_ns: int | None = None
     last_ns: int | None = None
     limit: int | None = None
+    at_ns: int | None = None
+    """The instant of a single sample: the one that held then."""
 
     @property
     def forward(self) -> bool:
@@ -59,11 +61,14 @@ def parse_span(query: Iterable[tuple[str, str]]) -> Span:
         raise BadRequest(f"The parameters of a history are {', '.join(_VARIABLES)} and as, each at most once.")
     if "last" in said and said.keys() & {"from", "to"}:
         raise BadRequest("Either last, or from and to.")
+    if "at" in said and len(said) > 1:
+        raise BadRequest("at is a single time: without from, to, last and limit.")
     span = Span(
         _time("from", said["from"]) if "from" in said else None,
         _time("to", said["to"]) if "to" in said else None,
         _duration(said["last"]) if "last" in said else None,
         _limit(said["limit"]) if "limit" in said else None,
+        _time("at", said["at"]) if "at" in said else None,
     )
     if span.begin_ns is not None and span.end_ns is not None and span.begin_ns > span.end_ns:
         raise BadRequest("from is later than to.")

@@ -51,6 +51,12 @@ class Joints:
         return self.model is other.model and self.names == other.names and self.floating == other.floating
 
 
+def layout_size(joints: Joints) -> int:
+    """Return the size of a frame."""
+    last = layout(len(joints.names), joints.floating)[-1]
+    return last.offset + 8 * last.count
+
+
 def joints_of(robot: Robot) -> Joints | None:
     """Return the layout of the robot's frames; None before it has described itself."""
     if not robot.described or robot.model is None or robot.description is None:

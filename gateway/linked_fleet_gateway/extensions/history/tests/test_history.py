@@ -138,7 +138,7 @@ def test_a_description_leads_to_all_that_can_be_asked(moving: Moving) -> None:
     types = {moving.http.get(str(view)).headers["content-type"] for view in whole.graph.objects(whole.iri, HYDRA.view)}
     assert types == {"text/csv; charset=utf-8", "application/vnd.mcap"}
     (template,) = whole.graph.objects(whole.iri, HYDRA.search / HYDRA.template)
-    assert str(template) == moving.whole + "{?from,to,last,limit}"
+    assert str(template) == moving.whole + "{?from,to,last,at,limit}"
     rotation = str(moving.browser.part("ur5", JOINT).one(ROS.rotation))
     assert moving.rotation in links(moving.browser.page(rotation).response, "related")
 
