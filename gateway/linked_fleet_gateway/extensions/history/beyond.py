@@ -7,9 +7,10 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from linked_fleet_agent.urdf.document import UrdfError
-from linked_fleet_gateway.extensions.history.archive import Archive, Found
+from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.describe import Page
 from linked_fleet_gateway.extensions.history.segment import Layout
+from linked_fleet_gateway.extensions.history.shelf import Found
 from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, wall_ns
 from linked_fleet_gateway.fleet.model import RobotModel
@@ -17,7 +18,7 @@ from linked_fleet_gateway.fleet.model import RobotModel
 
 def with_extent(archive: Archive | None, robot: str, page: Page) -> Page:
     """Return the page with the times of the whole history, on disk too."""
-    on_disk = None if archive is None else archive.extent(robot)
+    on_disk = None if archive is None else archive.shelf.extent(robot)
     if on_disk is None:
         return page
     low, high = page.time_range or on_disk
@@ -52,19 +53,19 @@ def beyond(archive: Archive | None, robot: str, page: Page, most: int) -> Callab
 def _newest(archive: Archive, robot: str, memory: tuple[int, int] | None) -> int | None:
     if memory is not None:
         return memory[1]
-    on_disk = archive.extent(robot)
+    on_disk = archive.shelf.extent(robot)
     return None if on_disk is None else on_disk[1]
 
 
 def _at(archive: Archive, robot: str, page: Page, at_ns: int) -> Page:
-    found = archive.at(robot, at_ns)
+    found = archive.shelf.at(robot, at_ns)
     joints = _joints_of(found.layout)
     return page if joints is None else _page(page, found, Excerpt(joints, found.frames))
 
 
 def _forward(archive: Archive, robot: str, page: Page, begin_ns: int, most: int) -> Page:
     """Return the first frames from a time on: those on disk, and as many in memory as there is room for."""
-    found = archive.read(robot, begin_ns, _end_of_disk(page), most)
+    found = archive.shelf.read(robot, begin_ns, _end_of_disk(page), most)
     joints = _joints_of(found.layout)
     if joints is None:
         return page
@@ -81,7 +82,7 @@ def _backward(archive: Archive, robot: str, page: Page, most: int) -> Page:
     """Return the last frames before a time: those in memory, and before them as many on disk as there is room for."""
     memory = page.excerpt
     frames = () if memory is None else memory.frames
-    found = archive.read(robot, None, _end_of_disk(page), most - len(frames))
+    found = archive.shelf.read(robot, None, _end_of_disk(page), most - len(frames))
     joints = _joints_of(found.layout)
     if joints is None:
         return page

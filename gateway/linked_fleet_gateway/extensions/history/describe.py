@@ -36,7 +36,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
 LF = CORE.extended(
     "History HistoryList HistoryListShape HistoryShape histories history historySpan samplingPeriod oldestSample "
-    "newestSample sampleCount from to last limit at diskSpan"
+    "newestSample sampleCount from to last limit at diskSpan ComponentHistory componentHistory"
 )
 
 _READY = {"the last 10 s": "PT10S", "the last minute": "PT1M"}
@@ -55,8 +55,9 @@ Extent = tuple[Literal | NamedNode, Literal | NamedNode, Literal]
 
 @dataclass(frozen=True)
 class Page:
-    """One page of a history, and the queries of adjacent pages; ``time_range`` is that of the whole history, ``count`` the
-    number of its samples in memory.
+    """One page of a history, and the queries of adjacent pages.
+
+    ``time_range`` is that of the whole history, ``count`` the number of its samples in memory.
     """
 
     span: Span
@@ -131,6 +132,8 @@ def describe_robot(
     graph.scalar(iri, LF.historySpan, history.span_s, SECOND)
     graph.scalar(iri, LF.samplingPeriod, 1 / history.rate_hz, SECOND)
     describe_disk(graph, iri, history)
+    if history.archive is not None:
+        graph.add(iri, LF.componentHistory, NamedNode(f"{iri.value}/values"))
     describe_extent(graph, iri, about[1])
     for title, span in _READY.items():
         _view(graph, iri, f"?last={span}&as=csv", f"{title}, joint states", CSV)

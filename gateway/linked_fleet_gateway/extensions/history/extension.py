@@ -31,16 +31,14 @@ from linked_fleet_gateway.api import (
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.history.archive import Archive
+from linked_fleet_gateway.extensions.history.component_values import watching_values
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
+from linked_fleet_gateway.extensions.history.listing import HISTORIES, list_branch
 from linked_fleet_gateway.extensions.history.operations import operations
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.history.resources import (
-    HISTORIES,
-    RecordedHistory,
-    history_branches,
-    list_branch,
-)
+from linked_fleet_gateway.extensions.history.resources import RecordedHistory, history_branches
 from linked_fleet_gateway.extensions.history.span import parse_span
+from linked_fleet_gateway.extensions.history.values import RecordedValues, read_values
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
 from linked_fleet_gateway.serving import WebLink, check_preconditions, link_header
@@ -130,14 +128,14 @@ class HistorySettings(Section):
     disk_hz: int = setting(
         whole_number(1, 100),
         "2",
-        "samples a second to keep on disk of each robot that moves, at most LINKED_FLEET_HISTORY_HZ",
+        "samples a second to keep on disk of each robot that moves",
     )
 
 
 class HistoryExtension(Extension):
     name = "history"
     needs = ("models",)
-    uses = ("world",)
+    uses = ("components", "world")
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     shapes = (Path(__file__).with_name("shapes.ttl"),)
     at_root = ("history",)
@@ -160,12 +158,13 @@ class HistoryExtension(Extension):
         async with AsyncExitStack() as stack:
             if archive is not None:
                 await stack.enter_async_context(archive.running())
+                await stack.enter_async_context(watching_values(core, archive))
             most = settings.mb * 10**6
             history = History(core.live.fleet, float(settings.s), float(settings.hz), most, archive)
             await stack.enter_async_context(history)
             yield Mount(
                 branches=(list_branch(history), *(history_branches(history, world) if settings.s else ())),
-                readers={RecordedHistory: read_history},
+                readers={RecordedHistory: read_history, RecordedValues: read_values},
                 formats={"csv": ("CSV", "text/csv"), "mcap": ("MCAP", "application/vnd.mcap")},
                 services=(history,),
                 metrics=lambda: _metrics(history),
@@ -202,7 +201,8 @@ def _metrics(history: History) -> Iterator[Metric]:
     yield gauge("history_bytes", "Memory of the histories of all robots.", history.bytes)
     yield gauge("history_samples", "Samples in the histories of all robots.", history.samples)
     if (archive := history.archive) is not None:
+        damaged = len(archive.shelf.damaged)
         yield gauge("history_disk_bytes", "Size of the histories on disk.", archive.bytes)
-        yield gauge("history_disk_segments", "Files of the histories on disk.", archive.segments)
-        yield gauge("history_disk_damaged", "Files of the histories on disk that cannot be read.", len(archive.damaged))
+        yield gauge("history_disk_segments", "Files of the histories on disk.", archive.shelf.count)
+        yield gauge("history_disk_damaged", "Files of the histories on disk that cannot be read.", damaged)
         yield counter("history_disk_lost", "Samples that could not be written to disk.", archive.lost)

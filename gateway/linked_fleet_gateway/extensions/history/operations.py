@@ -2,11 +2,8 @@
 
 from linked_fleet_gateway.api import RequestView, robot_path
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
-from linked_fleet_gateway.extensions.history.resources import (
-    HISTORIES,
-    SEGMENT,
-    measured_paths,
-)
+from linked_fleet_gateway.extensions.history.listing import HISTORIES
+from linked_fleet_gateway.extensions.history.resources import SEGMENT, measured_paths
 from linked_fleet_gateway.extensions.openapi.api import (
     Json,
     parameter,

@@ -1,17 +1,13 @@
-"""Histories in the tree: ``/{robot}/history``, one below each measured property, and their list.
+"""Histories in the tree: ``/{robot}/history``, and one below each measured property."""
 
-The list, ``/history``, has the history of each robot with its extent, for people who look for one.
-"""
-
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 
-from pyoxigraph import Literal, NamedNode
+from pyoxigraph import Literal
 
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.api import (
-    FleetBranch,
     Found,
     Property,
     PropertyBranch,
@@ -25,14 +21,11 @@ from linked_fleet_gateway.api import (
     robot_path,
     thing_at,
 )
-from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.extensions.history.beyond import beyond, with_extent
 from linked_fleet_gateway.extensions.history.compiled import history_template, robot_history_template
 from linked_fleet_gateway.extensions.history.describe import (
     LF,
     Page,
-    describe_disk,
-    describe_extent,
     describe_property,
     describe_robot,
     extent,
@@ -57,15 +50,14 @@ from linked_fleet_gateway.extensions.history.track import (
     link_series,
     samples,
 )
+from linked_fleet_gateway.extensions.history.values import VALUES, values_of
 from linked_fleet_gateway.extensions.models.geometry import SUFFIXES, file_name, mesh_path, urdf_with_mesh_addresses
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.faces import Describer, DescriptionTemplate, kind_of
+from linked_fleet_gateway.faces import DescriptionTemplate, kind_of
 from linked_fleet_gateway.fleet.model import Joint
 from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import SECOND, Graph
+from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import WriteError
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
 from linked_fleet_gateway.serving import Rendition
 
 SEGMENT = "history"
@@ -105,6 +97,8 @@ def history_branches(history: History, world: World | None) -> tuple[RobotBranch
         found = _of_robot(history, world, view, robot)
         if rest == ["blueprint"]:
             return blueprint_of(found, view.base, (LF.HistoryShape,))
+        if rest == [VALUES] and history.archive is not None:
+            return values_of(history, view, robot)
         return None if rest else found
 
     def of_property(view: RequestView, robot: Robot, owner: str, item: Property, rest: list[str]) -> Found:
@@ -119,7 +113,7 @@ def history_branches(history: History, world: World | None) -> tuple[RobotBranch
 
 def _of_robot(history: History, world: World | None, view: RequestView, robot: Robot) -> Resource:
     path, title = robot_path(robot.name) + SEGMENT, f"History of {robot.name}"
-    own, source = (path + "/blueprint",), Source(robot=robot)
+    own, source = (path + "/blueprint", *((f"{path}/{VALUES}",) if history.archive else ())), Source(robot=robot)
 
     def shown(span: Span) -> HistoryPage:
         track, description = history.track(robot), robot.description
@@ -285,84 +279,3 @@ def _urdf(robot: str, description: Description | None, base: str) -> bytes:
     return urdf_with_mesh_addresses(
         description.urdf, {each.uri: base + mesh_path(robot, file_name(each)) for each in meshes}
     )
-
-
-HISTORIES = "/" + SEGMENT
-
-
-_LIST = "the list of histories"
-
-
-@dataclass(frozen=True)
-class _Listed:
-    robot: Robot
-    page: Page
-
-
-def list_branch(history: History) -> FleetBranch:
-    """Return the branch of the list, of the robots that the caller sees."""
-
-    def resolve(view: RequestView, rest: list[str]) -> Found:
-        found = _list(history, view)
-        if rest == ["blueprint"]:
-            return blueprint_of(found, view.base, (LF.HistoryListShape,))
-        return None if rest else found
-
-    return FleetBranch(SEGMENT, LF.histories, resolve)
-
-
-def _list(history: History, view: RequestView) -> Resource:
-    own = (HISTORIES + "/blueprint",)
-
-    def shown(span: Span) -> HistoryPage:
-        """Read the extents here, since the thread that renders them must not read tracks that grow."""
-        if span != Span():
-            raise BadRequest("The list of histories has no spans; each history in it has.")
-        robots = [each for each in view.robots.values() if each.model is not None and history.span_s]
-        listed = list[_Listed]()
-        for each in robots:
-            with view.faults.guard(_LIST, each.name):
-                listed.append(_Listed(each, _extent(history, each)))
-
-        def describe(graph: Graph) -> None:
-            _describe(graph, view, history, listed)
-
-        resource = Resource(HISTORIES, "History", describe, own_paths=own, publishes_changes=False)
-        return HistoryPage(resource, Page(span), Page(span))
-
-    return Resource(HISTORIES, "History", None, own_paths=own, remote=RecordedHistory(history, shown))
-
-
-def _extent(history: History, robot: Robot) -> Page:
-    track = history.track(robot)
-    page = Page(Span()) if track is None else Page(Span(), None, track.time_range, len(track))
-    return with_extent(history.archive, robot.name, page)
-
-
-def _describe(graph: Graph, view: RequestView, history: History, listed: Sequence[_Listed]) -> None:
-    iri, say = view.iri(HISTORIES), Describer(view.base)
-    graph.a(iri, LF.HistoryList)
-    graph.add(iri, DCTERMS.title, Literal("History"))
-    graph.add(iri, RDFS.seeAlso, view.iri("/"))
-    graph.add(iri, HYBRIT.blueprint, LF.HistoryListShape, NamedNode(iri.value + "/blueprint"))
-    graph.scalar(iri, LF.historySpan, history.span_s, SECOND)
-    describe_disk(graph, iri, history)
-    for each in listed:
-        with view.faults.guard(_LIST, each.robot.name, "its row"):
-            _describe_row(graph, view, say, each)
-    for name in view.robots:
-        if reason := view.faults.find(_LIST, name) or view.faults.find(_LIST, name, "its row"):
-            graph.add(view.iri(robot_path(name)), CORE_LF.fault, Literal(reason))
-
-
-def _describe_row(graph: Graph, view: RequestView, say: Describer, each: _Listed) -> None:
-    iri = view.iri(HISTORIES)
-    robot, path = view.iri(robot_path(each.robot.name)), robot_path(each.robot.name) + SEGMENT
-    own = view.iri(path)
-    graph.add(iri, DCTERMS.hasPart, own)
-    graph.a(own, LF.History)
-    graph.add(own, DCTERMS.title, Literal(f"History of {each.robot.name}"))
-    graph.add(own, LF.ofRobot, robot)
-    describe_extent(graph, own, extent(each.page))
-    graph.add(robot, DCTERMS.title, Literal(each.robot.title))
-    say.presence(graph, robot, each.robot)

@@ -24,6 +24,7 @@ _FINISHED = 1
 _BLOCK = 120
 """Frames in a block."""
 _BUSY_S = 2.0
+_VALUES = "SELECT path, kind, said,"
 _SCHEMA = f"""
 PRAGMA application_id = {APPLICATION_ID};
 CREATE TABLE layout (
@@ -38,7 +39,7 @@ CREATE INDEX value_time ON value (robot, stamp);
 """
 
 
-class DamagedSegment(Exception):
+class DamagedSegmentError(Exception):
     """A file that cannot be read."""
 
 
@@ -58,9 +59,9 @@ class Said:
 
     robot: str
     path: str
-    stamp_ns: int
     kind: str
     json: str
+    stamp_ns: int
 
 
 def frame_size(layout: Layout) -> int:
@@ -172,14 +173,14 @@ def _check(database: sqlite3.Connection) -> None:
 
 
 class Reader:
-    """A segment that is read, by one thread. Its methods raise DamagedSegment."""
+    """A segment that is read, by one thread. Its methods raise DamagedSegmentError."""
 
     def __init__(self, path: Path) -> None:
         try:
             self._database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_BUSY_S)
             _check(self._database)
         except sqlite3.Error as error:
-            raise DamagedSegment(str(error)) from error
+            raise DamagedSegmentError(str(error)) from error
 
     def close(self) -> None:
         self._database.close()
@@ -223,20 +224,17 @@ class Reader:
 
     def _check_size(self, size: int, of: Layout) -> None:
         if size != frame_size(of):
-            raise DamagedSegment(f"a frame of {len(of.joints)} joints has {size} bytes")
+            raise DamagedSegmentError(f"a frame of {len(of.joints)} joints has {size} bytes")
 
     def values(self, robot: str, begin_ns: int, end_ns: int, most: int) -> list[Said]:
         """Return what components said in a time, the oldest first."""
-        query = "SELECT path, stamp, kind, said FROM value WHERE robot = ? AND stamp >= ? AND stamp < ? ORDER BY stamp LIMIT ?"
-        return [
-            Said(robot, path, at, kind, said)
-            for path, at, kind, said in self._rows(query, robot, begin_ns, end_ns, most)
-        ]
+        query = f"{_VALUES} stamp FROM value WHERE robot = ? AND stamp >= ? AND stamp < ? ORDER BY stamp LIMIT ?"
+        return [Said(robot, *row) for row in self._rows(query, robot, begin_ns, end_ns, most)]
 
     def last_values(self, robot: str, until_ns: int) -> list[Said]:
         """Return the last value of each property of components up to a time."""
-        query = "SELECT path, max(stamp), kind, said FROM value WHERE robot = ? AND stamp <= ? AND kind = 'value' GROUP BY path"
-        return [Said(robot, path, at, kind, said) for path, at, kind, said in self._rows(query, robot, until_ns)]
+        query = f"{_VALUES} max(stamp) FROM value WHERE robot = ? AND stamp <= ? AND kind = 'value' GROUP BY path"
+        return [Said(robot, *row) for row in self._rows(query, robot, until_ns)]
 
     def _rows(self, query: str, *values: object) -> list[tuple]:  # type: ignore[type-arg]
         return list(self._each(query, *values))
@@ -245,7 +243,7 @@ class Reader:
         try:
             yield from self._database.execute(query, values)
         except (sqlite3.Error, UnicodeDecodeError) as error:
-            raise DamagedSegment(str(error)) from error
+            raise DamagedSegmentError(str(error)) from error
 
 
 def _row(layout: Layout) -> tuple[str, str, bool, bytes]:
@@ -256,7 +254,7 @@ def _layout(robot: str, joints: str, floating: int, urdf: bytes) -> Layout:
     try:
         return Layout(robot, tuple(json.loads(joints)), bool(floating), zlib.decompress(urdf).decode())
     except (ValueError, TypeError, zlib.error) as error:
-        raise DamagedSegment(str(error)) from error
+        raise DamagedSegmentError(str(error)) from error
 
 
 def _by_layout(frames: Iterable[tuple[Layout, bytes]]) -> dict[Layout, list[bytes]]:
@@ -279,5 +277,5 @@ def _unpacked(data: bytes, size: int) -> list[bytes]:
         if rest or not count:
             raise ValueError(f"{len(columns)} bytes are no frames of {size}")
     except (ValueError, TypeError, ArithmeticError, zlib.error) as error:
-        raise DamagedSegment(str(error)) from error
+        raise DamagedSegmentError(str(error)) from error
     return [columns[first::count] for first in range(count)]

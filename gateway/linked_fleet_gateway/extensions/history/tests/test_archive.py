@@ -10,8 +10,9 @@ import pytest
 
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
-from linked_fleet_gateway.extensions.history.archive import HELD_NS, Archive
+from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.segment import Layout, Said, Writer
+from linked_fleet_gateway.extensions.history.shelf import HELD_NS
 from linked_fleet_gateway.extensions.history.thinning import STILL_NS, Thinning, gap_after, is_gap
 from linked_fleet_gateway.extensions.history.track import wall_ns
 
@@ -65,7 +66,7 @@ class Disk:
         return found
 
     def frames(self, begin_ns: int | None = None, end_ns: int | None = None, robot: str = "r") -> tuple[bytes, ...]:
-        return self.archive.read(robot, begin_ns, end_ns, 10**6).frames
+        return self.archive.shelf.read(robot, begin_ns, end_ns, 10**6).frames
 
 
 class Full(Writer):
@@ -112,10 +113,10 @@ def test_where_a_robot_was_not_heard_the_record_has_a_gap(disk: Disk) -> None:
     kept = disk.frames()
     (gap,) = [each for each in kept if is_gap(each)]
     assert gap == gap_after(first[-1]) and first[-1] in kept
-    assert disk.archive.at("r", wall_ns(first[-1])).frames == (first[-1],)
-    assert disk.archive.at("r", wall_ns(first[-1]) + S // 10).frames == ()
-    assert disk.archive.at("r", wall_ns(second[0]) - 1).frames == ()
-    assert disk.archive.at("r", wall_ns(second[0])).frames == (second[0],)
+    assert disk.archive.shelf.at("r", wall_ns(first[-1])).frames == (first[-1],)
+    assert disk.archive.shelf.at("r", wall_ns(first[-1]) + S // 10).frames == ()
+    assert disk.archive.shelf.at("r", wall_ns(second[0]) - 1).frames == ()
+    assert disk.archive.shelf.at("r", wall_ns(second[0])).frames == (second[0],)
 
 
 def test_a_robot_that_falls_silent_gets_its_gap_without_another_frame(disk: Disk) -> None:
@@ -130,7 +131,7 @@ def test_each_frame_that_is_kept_holds_until_the_next(disk: Disk) -> None:
         disk.hear(frame(BEGIN + n * S, 0.25))
     kept = disk.frames()
     assert max(wall_ns(b) - wall_ns(a) for a, b in pairwise(kept)) <= STILL_NS < HELD_NS
-    assert disk.archive.at("r", BEGIN + 9 * S).frames == kept[:1]
+    assert disk.archive.shelf.at("r", BEGIN + 9 * S).frames == kept[:1]
 
 
 def test_spans_have_their_beginning_and_not_their_end_and_say_what_does_not_fit(disk: Disk) -> None:
@@ -138,10 +139,10 @@ def test_spans_have_their_beginning_and_not_their_end_and_say_what_does_not_fit(
     kept = disk.frames()
     stamps = [wall_ns(each) for each in kept]
     assert disk.frames(stamps[3], stamps[9]) == kept[3:9] == disk.frames(stamps[2] + 1, stamps[8] + 1)
-    first, last = disk.archive.read("r", stamps[1], None, 50), disk.archive.read("r", None, stamps[200], 50)
+    first, last = disk.archive.shelf.read("r", stamps[1], None, 50), disk.archive.shelf.read("r", None, stamps[200], 50)
     assert (first.frames, first.after, first.before) == (kept[1:51], stamps[51], None)
     assert (last.frames, last.after, last.before) == (kept[150:200], None, stamps[149])
-    assert disk.archive.read("nobody", 0, None, 10).frames == ()
+    assert disk.archive.shelf.read("nobody", 0, None, 10).frames == ()
 
 
 def test_other_joints_are_another_page(disk: Disk) -> None:
@@ -149,20 +150,20 @@ def test_other_joints_are_another_page(disk: Disk) -> None:
     other = URDF.replace("name='r'", "name='s'")
     for n in range(3):
         disk.hear(frame(BEGIN + (3 + n) * S, n), urdf=other)
-    first = disk.archive.read("r", 0, None, 10**6)
+    first = disk.archive.shelf.read("r", 0, None, 10**6)
     assert first.layout == layout() and first.after is not None
-    second = disk.archive.read("r", BEGIN + 3 * S, None, 10**6)
+    second = disk.archive.shelf.read("r", BEGIN + 3 * S, None, 10**6)
     assert second.layout == layout(urdf=other) and len(second.frames) == 3
 
 
 def test_values_of_components_are_those_of_their_time(disk: Disk) -> None:
     for n in range(5):
-        disk.archive.add_values([Said("r", "gripper/opening", BEGIN + n * S, "value", str(n))])
+        disk.archive.add_values([Said("r", "gripper/opening", "value", str(n), BEGIN + n * S)])
         disk.now_ns += HOUR
         disk.write()
-    assert [each.json for each in disk.archive.values("r", BEGIN + S, BEGIN + 4 * S, 100)] == ["1", "2", "3"]
-    assert disk.archive.values_at("r", BEGIN + 3 * S - 1)["gripper/opening"].json == "2"
-    assert disk.archive.values_at("r", BEGIN - 1) == {}
+    assert [each.json for each in disk.archive.shelf.values("r", BEGIN + S, BEGIN + 4 * S, 100)] == ["1", "2", "3"]
+    assert disk.archive.shelf.values_at("r", BEGIN + 3 * S - 1)["gripper/opening"].json == "2"
+    assert disk.archive.shelf.values_at("r", BEGIN - 1) == {}
 
 
 # -- bounds -----------------------------------------------------------------------------------------------------------
@@ -176,8 +177,8 @@ def test_hours_that_are_too_old_are_removed(tmp_path: Path) -> None:
     disk.write()
     kept = disk.frames()
     assert 3 * HOUR <= wall_ns(kept[-1]) - wall_ns(kept[0]) <= 5 * HOUR
-    assert disk.archive.extent("r") == (wall_ns(kept[0]), wall_ns(kept[-1]))
-    assert len(list(tmp_path.glob("*.sqlite"))) == disk.archive.segments <= 5
+    assert disk.archive.shelf.extent("r") == (wall_ns(kept[0]), wall_ns(kept[-1]))
+    assert len(list(tmp_path.glob("*.sqlite"))) == disk.archive.shelf.count <= 5
 
 
 def test_all_segments_take_no_more_than_they_may(tmp_path: Path) -> None:
@@ -188,7 +189,7 @@ def test_all_segments_take_no_more_than_they_may(tmp_path: Path) -> None:
             disk.move(BEGIN + minute * 60 * S, 60, robot=f"r{robot}", batch=600)
     size = sum(each.stat().st_size for each in tmp_path.iterdir())
     assert most / 2 < size < most * 1.2
-    assert disk.archive.segments > 8
+    assert disk.archive.shelf.count > 8
     kept = disk.frames(robot="r3")
     assert wall_ns(kept[0]) > BEGIN + 300 * S and wall_ns(kept[-1]) > BEGIN + 2398 * S
 
@@ -200,7 +201,7 @@ def test_foreign_files_in_the_folder_stay(tmp_path: Path) -> None:
     disk.move(BEGIN, 3)
     disk.now_ns += 5 * HOUR
     disk.write()
-    assert foreign.read_bytes() == b"something" and disk.archive.damaged == []
+    assert foreign.read_bytes() == b"something" and disk.archive.shelf.damaged == []
 
 
 # -- kills, damage, a full disk ---------------------------------------------------------------------------------------
@@ -212,11 +213,11 @@ def test_a_killed_gateway_loses_what_was_not_written_alone_and_the_next_one_mark
     kept = killed.frames()
     killed.archive.add("r", frame(BEGIN + 31 * S))
     after = Disk(tmp_path)  # the first one wrote nothing more
-    assert after.frames() == kept and after.archive.damaged == []
+    assert after.frames() == kept and after.archive.shelf.damaged == []
     again = after.move(BEGIN + 40 * S, 5)
     assert [wall_ns(each) for each in after.frames() if is_gap(each)] == [wall_ns(kept[-1]) + 1]
-    assert after.archive.at("r", BEGIN + 35 * S).frames == ()
-    assert after.archive.at("r", BEGIN + 40 * S).frames == (again[0],)
+    assert after.archive.shelf.at("r", BEGIN + 35 * S).frames == ()
+    assert after.archive.shelf.at("r", BEGIN + 40 * S).frames == (again[0],)
     assert heard[0] == after.frames()[0]
 
 
@@ -245,7 +246,7 @@ def test_a_damaged_segment_is_skipped_and_said(tmp_path: Path, damage: str) -> N
     again = Disk(tmp_path)
     assert wall_ns(again.frames(BEGIN + HOUR)[0]) == BEGIN + HOUR
     again.frames()
-    (said,) = again.archive.damaged
+    (said,) = again.archive.shelf.damaged
     assert first.name in said
     assert wall_ns(again.frames()[0]) > BEGIN + 299 * S
     later = again.move(BEGIN + 3 * HOUR, 5)
@@ -263,8 +264,8 @@ def test_a_full_disk_is_said_and_what_follows_is_written_again(disk: Disk) -> No
     assert disk.archive.failure == "" and disk.said[-1] is None
     kept = disk.frames()
     assert len([each for each in kept if is_gap(each)]) == 1
-    assert wall_ns(kept[-1]) > BEGIN + 29 * S and disk.archive.at("r", BEGIN + 15 * S).frames == ()
-    assert before[0] == kept[0] and disk.archive.segments == 1
+    assert wall_ns(kept[-1]) > BEGIN + 29 * S and disk.archive.shelf.at("r", BEGIN + 15 * S).frames == ()
+    assert before[0] == kept[0] and disk.archive.shelf.count == 1
 
 
 def test_a_folder_that_cannot_be_written_is_said_and_costs_nothing_else(tmp_path: Path) -> None:

@@ -1,0 +1,99 @@
+"""The history of what components of a robot said: ``/{robot}/history/values``, read from disk."""
+
+import asyncio
+import csv
+import io
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from pyoxigraph import Literal
+
+from linked_fleet_gateway.api import Graph, Request, RequestView, Resource, Response, Robot, read_resource, robot_path
+from linked_fleet_gateway.extensions.history.archive import Archive
+from linked_fleet_gateway.extensions.history.describe import LF
+from linked_fleet_gateway.extensions.history.files import CSV
+from linked_fleet_gateway.extensions.history.recorder import History
+from linked_fleet_gateway.extensions.history.segment import Said
+from linked_fleet_gateway.extensions.history.span import MOST, Span, lexical_time, parse_span, query
+from linked_fleet_gateway.rdf.graph import timestamp
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDF, RDFS, SOSA
+from linked_fleet_gateway.serving import Rendition, WebLink, link_header
+
+VALUES = "values"
+_JSON = RDF.extended("JSON").JSON
+_RECENT_NS = 300 * 10**9
+"""The span up to now that a request without a time gets."""
+
+
+@dataclass(frozen=True)
+class RecordedValues:
+    """The values of a robot; the query of the request selects a part of them."""
+
+    history: History
+    view: RequestView
+    robot: Robot
+
+
+def values_of(history: History, view: RequestView, robot: Robot) -> Resource:
+    path = f"{robot_path(robot.name)}history/{VALUES}"
+    return Resource(path, f"Values of {robot.name}", None, remote=RecordedValues(history, view, robot))
+
+
+async def read_values(request: Request, found: Resource, recorded: RecordedValues) -> Response:
+    """Return what components said in the requested time, or what held at an instant. Raises BadRequest, Busy."""
+    span, archive = parse_span(request.query_params.multi_items()), recorded.history.archive
+    assert archive is not None  # else there is no such resource
+    async with recorded.history.worker():
+        said, after = await asyncio.to_thread(_selected, archive, recorded.robot.name, span, time.time_ns())
+    resource = _resource(recorded, found, said)
+    response = read_resource(request, resource)
+    if after is not None:
+        end = {} if span.end_ns is None else {"to": lexical_time(span.end_ns)}
+        following = query(from_=lexical_time(after), **end)
+        response.headers.append("link", link_header([WebLink(f"{request.base}{found.path}?{following}", "next")], []))
+    return response
+
+
+def _selected(archive: Archive, robot: str, span: Span, now_ns: int) -> tuple[Sequence[Said], int | None]:
+    """Return what is requested, and where the rest begins; None if it is all."""
+    if span.at_ns is not None:
+        heard = archive.shelf.at(robot, span.at_ns).frames
+        held = archive.shelf.values_at(robot, span.at_ns) if heard else {}
+        return [held[path] for path in sorted(held) if held[path].json != "null"], None
+    last_ns = span.last_ns if span.last_ns is not None else None if span.end_ns is not None else _RECENT_NS
+    begin_ns = span.begin_ns if span.begin_ns is not None else 0 if last_ns is None else max(0, now_ns - last_ns)
+    most = min(span.limit or MOST, MOST)
+    found = archive.shelf.values(robot, begin_ns, span.end_ns or 2**63 - 1, most + 1)
+    if len(found) <= most:
+        return found, None
+    after = found[-1].stamp_ns
+    whole = [each for each in found if each.stamp_ns < after]  # those of one time stay together
+    return (whole, after) if whole else (found[:most], after + 1)
+
+
+def _resource(recorded: RecordedValues, found: Resource, said: Sequence[Said]) -> Resource:
+    view, robot = recorded.view, recorded.robot
+
+    def describe(graph: Graph) -> None:
+        iri, root = view.iri(found.path), robot_path(robot.name)
+        graph.a(iri, LF.ComponentHistory, SOSA.ObservationCollection)
+        graph.add(iri, DCTERMS.title, Literal(found.title))
+        graph.add(iri, LF.ofRobot, view.iri(root))
+        graph.add(iri, RDFS.seeAlso, view.iri(root + "history"))
+        for each in said:
+            one = graph.blank(SOSA.Observation)
+            graph.add(iri, SOSA.hasMember, one)
+            graph.add(one, SOSA.observedProperty, view.iri(root + each.path))
+            graph.add(one, SOSA.resultTime, timestamp(each.stamp_ns))
+            graph.add(one, SOSA.hasSimpleResult, Literal(each.json, datatype=_JSON))
+
+    def table() -> bytes:
+        text = io.StringIO(newline="")
+        write = csv.writer(text, lineterminator="\r\n")
+        write.writerow(["time", "path", "kind", "value"])
+        write.writerows([lexical_time(each.stamp_ns), each.path, each.kind, each.json] for each in said)
+        return text.getvalue().encode()
+
+    documents = {CSV: Rendition(table, f"{robot.name}-values.csv")}
+    return found.replace(describe=describe, documents=documents, publishes_changes=False)
