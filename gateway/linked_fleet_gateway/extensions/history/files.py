@@ -9,13 +9,14 @@ import io
 import math
 import struct
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.history.ground import Ground
 from linked_fleet_gateway.extensions.history.span import lexical_time
+from linked_fleet_gateway.extensions.history.thinning import is_gap
 from linked_fleet_gateway.extensions.history.track import Excerpt, Numbers, samples
 from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import Pose
@@ -145,8 +146,9 @@ def recording(
     It has ``/joint_states``, ``/robot_description`` (the ``urdf``, at the time of the first sample) and, for a floating
     base, its pose as ``/tf``: in the world with a ``ground``, else in its odometry frame, which has the same name. The
     ground adds the placement of another robot as ``/tf_static``, and the map of the floor as ``/map``. ``log`` is
-    written as ``/rosout``; ``metadata`` are MCAP metadata records by name.
+    written as ``/rosout``; ``metadata`` are MCAP metadata records by name. Gaps have no message.
     """
+    excerpt = replace(excerpt, frames=tuple(each for each in excerpt.frames if not is_gap(each)))
     out, joints = io.BytesIO(), excerpt.joints
     file = mcap.Writer(out)
     file.start(profile="ros2", library="linked-fleet")

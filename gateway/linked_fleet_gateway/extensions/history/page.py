@@ -136,5 +136,5 @@ def _observed(facts: Facts, node: Term, unit: str) -> ObservationRow:
     return ObservationRow(facts.first_value(node, SOSA.resultTime), results)  # type: ignore[arg-type]
 
 
-LIST = PageView(LF.HistoryList, _TEMPLATES / "histories.html", histories)
+LIST = PageView(LF.HistoryList, _TEMPLATES / "histories.html", histories, {"history": "history"})
 HISTORY = PageView(LF.History, _TEMPLATES / "history.html", history)

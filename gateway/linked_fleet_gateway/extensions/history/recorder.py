@@ -16,7 +16,8 @@ from linked_fleet_gateway.api import cancel_tasks, supervised, time_sliced
 from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.segment import Layout
-from linked_fleet_gateway.extensions.history.track import Track, joints_of
+from linked_fleet_gateway.extensions.history.thinning import GAP_NS, gap_after
+from linked_fleet_gateway.extensions.history.track import Track, joints_of, wall_ns
 from linked_fleet_gateway.fleet.events import Latest
 from linked_fleet_gateway.fleet.fleet import Fleet
 from linked_fleet_gateway.fleet.robot import Robot
@@ -125,6 +126,8 @@ class History:
         frame = latest.frame[0]
         if track is not None and frame is not track.newest:
             self.bytes -= track.bytes
+            if (newest := track.newest) is not None and latest.frame[3] - wall_ns(newest) > GAP_NS:
+                track.append(gap_after(newest), int(self.span_s * 1e9))
             track.append(frame, int(self.span_s * 1e9))
             self.bytes += track.bytes
             if self.archive is not None:

@@ -35,7 +35,6 @@ from linked_fleet_gateway.extensions.history.files import CSV, MCAP, recording, 
 from linked_fleet_gateway.extensions.history.ground import ground_of
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.span import Span
-from linked_fleet_gateway.extensions.history.thinning import is_gap
 from linked_fleet_gateway.extensions.history.track import (
     Excerpt,
     Joints,
@@ -132,7 +131,7 @@ def _of_robot(history: History, world: World | None, view: RequestView, robot: R
                 return table(all_columns(robot.name, excerpt.joints), samples(excerpt))
 
             def mcap() -> bytes:
-                kept = _heard(_kept(file, joints))
+                kept = _kept(file, joints)
                 now = not file.urdf or kept.joints.model is robot.model
                 urdf = _urdf(robot.name, description, view.base) if now else file.urdf.encode()
                 return recording(kept, urdf, ground=ground)
@@ -264,11 +263,6 @@ def _kept(page: Page, joints: Joints | None) -> Excerpt:
     if joints is None:
         raise WriteError("the robot has not published its description")
     return Excerpt(joints)
-
-
-def _heard(excerpt: Excerpt) -> Excerpt:
-    """Return the excerpt without the gaps in it, for which ROS has no message."""
-    return replace(excerpt, frames=tuple(each for each in excerpt.frames if not is_gap(each)))
 
 
 def _urdf(robot: str, description: Description | None, base: str) -> bytes:

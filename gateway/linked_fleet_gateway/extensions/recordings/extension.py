@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator, Sequence
 from contextlib import asynccontextmanager
 
 from linked_fleet_gateway.api import Core, Extension, Mount
-from linked_fleet_gateway.extensions.history.files import MCAP
+from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.recordings.recorder import SEGMENT, Recorder
 from linked_fleet_gateway.extensions.recordings.resources import recordings_branch
@@ -31,4 +31,8 @@ class RecordingsExtension(Extension):
             return
         recorder = Recorder(core, history, core.optional_service(World), core.state_path / "recordings")
         async with recorder.running():
-            yield Mount(branches=(recordings_branch(recorder),), formats={"mcap": ("MCAP", MCAP)}, services=(recorder,))
+            yield Mount(
+                branches=(recordings_branch(recorder),),
+                formats={"csv": ("CSV", CSV), "mcap": ("MCAP", MCAP)},
+                services=(recorder,),
+            )

@@ -24,6 +24,7 @@ class Row:
     length: str
     size: str
     timeline: str
+    created: str
 
     @property
     def file(self) -> str:
@@ -38,7 +39,8 @@ def recordings(facts: Facts, iri: NamedNode) -> Part:
 
 
 def recording(facts: Facts, iri: NamedNode) -> Part:
-    return Part({"row": _row(facts, iri)}, _SHOWN)
+    robots = [facts.place_link(each) for each in facts.all(iri, RDFS.seeAlso) if isinstance(each, NamedNode)]
+    return Part({"row": _row(facts, iri), "robots": robots}, _SHOWN)
 
 
 def _row(facts: Facts, iri: NamedNode) -> Row:
@@ -51,6 +53,7 @@ def _row(facts: Facts, iri: NamedNode) -> Row:
         f"{float(length.value):.1f} s" if length is not None else "",
         f"{int(size) / 1e6:.2f} MB" if size else "",
         timeline_link(facts, facts.text(iri, DCTERMS.created)),
+        facts.text(iri, DCTERMS.created),
     )
 
 

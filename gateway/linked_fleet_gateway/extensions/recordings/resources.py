@@ -5,8 +5,9 @@ from collections.abc import Mapping
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.api import CONTAINER, Found, RequestView, Resource, RobotBranch, Source, robot_path
-from linked_fleet_gateway.extensions.history.files import MCAP
+from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.recordings.folder import Recorded
+from linked_fleet_gateway.extensions.recordings.reading import table_of
 from linked_fleet_gateway.extensions.recordings.recorder import SEGMENT, Recorder, recordings_path
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import SECOND, Graph, integer, timestamp
@@ -59,7 +60,10 @@ def _one(view: RequestView, robot: str, id: str, recorded: Recorded) -> Resource
         f"Recording of {robot}",
         describe,
         source=Source(lambda: id),
-        documents={MCAP: Rendition(recorded.read, f"{path[1:]}.mcap".replace("/", "-"))},
+        documents={
+            MCAP: Rendition(recorded.read, f"{path[1:]}.mcap".replace("/", "-")),
+            CSV: Rendition(lambda: table_of(robot, recorded.read()), f"{path[1:]}.csv".replace("/", "-")),
+        },
         publishes_changes=False,
     )
 

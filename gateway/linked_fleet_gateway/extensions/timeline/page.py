@@ -9,13 +9,24 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.api import DCTERMS, RDFS
 from linked_fleet_gateway.extensions.pages import texts
-from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
+from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, shows_past
 from linked_fleet_gateway.extensions.timeline.chart import LANE, MOST_LANES, WIDTH, Scale, lanes, room_of, ticks
 from linked_fleet_gateway.extensions.timeline.describing import PATH
 from linked_fleet_gateway.extensions.timeline.terms import LF
-from linked_fleet_gateway.extensions.timeline.window import HOUR_NS, SECOND_NS, Window, at, moved, query_of, zoomed
+from linked_fleet_gateway.extensions.timeline.window import (
+    HOUR_NS,
+    SECOND_NS,
+    Window,
+    at,
+    lexical,
+    moved,
+    query_of,
+    zoomed,
+)
 from linked_fleet_gateway.rdf.vocabulary import PROV
 
+MOST_REPLAYED = 4
+"""Robots that the page of a fleet shows as they were."""
 MOST_ROWS = 4
 """What more robots than these take part in has a bar in the row of the fleet alone."""
 _LOOKS = {
@@ -107,11 +118,23 @@ def timeline(facts: Facts, iri: NamedNode) -> Part:
         "begin": facts.first_value(iri, LF.windowStart),
         "end": facts.first_value(iri, LF.windowEnd),
         "notes": _notes(facts, iri, window),
+        "replayed": _replayed(facts, robots, entries, window),
+        "from": lexical(window.from_ns),
+        "until": lexical(min(window.until_ns, max(int(now_s * SECOND_NS), window.from_ns))),
     }
     shown = {LF.activity, LF.shownRobot, LF.windowStart, LF.windowEnd, LF.asOf, LF.leftOut, LF.completeFrom}
     shown |= {LF.completeUntil, LF.robotsLeftOut, LF.ofRobot, RDFS.seeAlso}
     title = f"Timeline of {window.robot}" if window.robot else "Timeline"
     return Part(more, shown, {*nodes, *robots}, title)
+
+
+def _replayed(facts: Facts, robots: Sequence[NamedNode], entries: Sequence[Entry], window: Window) -> list[Link]:
+    """Return the robots that are shown as they were: those that do something, or the one of the timeline."""
+    if not shows_past() or not robots:
+        return []
+    busy = {each.iri for entry in entries for each in entry.robots}
+    found = [facts.place_link(each) for each in robots if window.robot or each.value in busy]
+    return (found or [facts.place_link(robots[0])])[:MOST_REPLAYED]
 
 
 def _window(facts: Facts, iri: NamedNode) -> Window:

@@ -1,10 +1,18 @@
-// The history of measured values in charts and plots. The code that reads and draws it is fetched when it is needed.
+// The history of measured values in charts and plots, and robots as they were. The code that reads and draws it is fetched when it is needed.
 
 import { notice } from "../../pages/scripts/src/notice.js";
 import { provide } from "../../pages/scripts/src/past.js";
 
 export function start() {
   provide(async (iri, spanS) => (await import("./past.js")).recorded(iri, spanS));
+  /** @type {NodeListOf<HTMLElement>} */
+  const replays = document.querySelectorAll("section[data-replay]");
+  if (replays.length) {
+    import("./replay.js").then(
+      ({ start }) => replays.forEach(start),
+      (error) => notice(`What shows the past could not be fetched: ${error.message}`),
+    );
+  }
   /** @type {HTMLElement | null} */
   const figure = document.querySelector("figure.chart[data-history]");
   if (!figure) return;

@@ -37,13 +37,13 @@ export async function fetchPast(iri, spanS) {
   return table;
 }
 
-function linksOf(answer) {
+export function linksOf(answer) {
   const found = (answer.headers.get("link") ?? "").matchAll(/<([^>]+)>; *rel="([^"]+)"/g);
   return [...found].map(([, target, relation]) => ({ target, relation }));
 }
 
 /** Names contain no commas or quotes: they are path segments. */
-function read(text, table) {
+export function read(text, table) {
   const [head, ...lines] = text.split(/\r?\n/);
   const names = head.split(",").slice(1).map((each) => HEAD.exec(each)?.[1] ?? each);
   if (!table.names.length) {

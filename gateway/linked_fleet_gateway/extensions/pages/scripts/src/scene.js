@@ -27,6 +27,7 @@ const AHEAD = "400px"; // prepares a section before it is scrolled into view
 /**
  * Draw a robot in this section, that of the page or of `data-robot`, from `data-model` (its URDF), `data-state` (its joint state) and `data-pose` (where its
  * base is, if that floats), among the objects of `data-objects` once `data-placement` says where it stands. `data-phase` says how far it is: loading, ready or failed; `section.scene` is the drawing.
+ * With `data-past` it follows no robot: `past` of the drawing sets what is shown.
  *
  * @param {HTMLElement} section
  */
@@ -89,13 +90,14 @@ class RobotScene {
   async load() {
     const { model } = this.section.dataset;
     const { signal } = this.ending;
-    const [urdf] = await Promise.all([fetchModel(model, signal), this.describe()]);
+    const [urdf] = await Promise.all([fetchModel(model, signal), this.isPast ? undefined : this.describe()]);
     this.urdf = urdf;
     const { robot, meshes } = build(urdf, model);
     this.robot = robot;
-    this.pose();
+    if (!this.isPast) this.pose();
     this.view.stage(robot);
     this.listen();
+    if (this.isPast) this.past(this.then);
     this.missing = await loadMeshes(meshes, (done, of) => this.arrived(done, of), signal);
     if (signal.aborted || robot !== this.robot) return;
     complete(robot, this.view.colours.bone);
@@ -218,8 +220,34 @@ class RobotScene {
     this.paint();
   }
 
+  get isPast() {
+    return "past" in this.section.dataset;
+  }
+
+  /**
+   * Show the robot as it was. Without values nothing is known of it, and it is not drawn.
+   *
+   * @param {import("./scene_state.js").Values & {names: string[]}|undefined} values with the names of their joints
+   */
+  past(values) {
+    this.then = values;
+    if (!this.robot) return;
+    const known = Boolean(values?.names.every((name) => Object.hasOwn(this.robot.joints, name)));
+    this.robot.visible = known;
+    this.section.toggleAttribute("data-nothing", !known);
+    if (known) {
+      if (this.motion?.robot !== this.robot || this.names.join("\n") !== values.names.join("\n")) {
+        this.names = values.names;
+        this.motion = new Motion(this.robot, this.names);
+      }
+      this.accept(values, false);
+    }
+    this.view?.invalidate(true);
+  }
+
   /** Follow the robot while it is visible. */
   listen() {
+    if (this.isPast) return;
     if (!this.inSight) {
       this.stop?.();
       this.stop = undefined;
@@ -304,7 +332,8 @@ class RobotScene {
     this.unknown = new Set(this.motion?.unknown);
     this.panel.mark({ offline: this.offline, unknown: [...this.unknown] });
     const title = this.robot?.robotName || "the robot";
-    this.panel.name(`3D drawing of ${title}${this.offline ? ", offline, as it was last seen" : " in its present pose"}`);
+    const when = this.isPast ? " as it was" : this.offline ? ", offline, as it was last seen" : " in its present pose";
+    this.panel.name(`3D drawing of ${title}${when}`);
     const faint = [...this.unknown].join("\n");
     if (faint !== this.faint) this.fade();
     this.faint = faint;

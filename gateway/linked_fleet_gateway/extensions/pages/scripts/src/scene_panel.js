@@ -9,10 +9,13 @@ const ENDS = {
   effort: ["no effort", "all that is allowed", "no limit, or effort unknown"],
 };
 
+let panels = 0;
+
 /** The elements of the section; `onMode` is called with the colour mode, `onFit` to show everything. */
 export class Panel {
   constructor(section, { onMode, onFit }) {
     this.section = section;
+    this.number = panels++ || "";
     // The former content says what to do without a picture.
     this.fallback = [...section.children].filter((each) => !/^H[1-6]$/.test(each.tagName));
     this.canvas = make("canvas", { role: "img", tabIndex: 0 });
@@ -23,7 +26,7 @@ export class Panel {
     this.badge = make("p", { className: "scene-badge", hidden: true }, "offline: as it was last seen");
     this.unknown = make("p", { className: "scene-unknown", hidden: true });
     this.label = make("div", { className: "scene-label", hidden: true });
-    const help = make("p", { className: "scene-help", id: "scene-help" }, HELP);
+    const help = make("p", { className: "scene-help", id: `scene-help${this.number}` }, HELP);
     this.canvas.setAttribute("aria-describedby", help.id);
     this.view = make("div", { className: "scene-view" }, this.canvas, this.badge, this.loading, this.unknown, this.label);
     const fit = make("button", { type: "button", onclick: onFit }, "Show all");
@@ -41,7 +44,7 @@ export class Panel {
 
   choice(onMode) {
     const choices = MODES.map((mode) => {
-      const input = make("input", { type: "radio", name: "scene-colour", value: mode, checked: mode === MODES[0] });
+      const input = make("input", { type: "radio", name: `scene-colour${this.number}`, value: mode, checked: mode === MODES[0] });
       input.onchange = () => onMode(mode);
       return make("label", {}, input, ` ${mode}`);
     });
