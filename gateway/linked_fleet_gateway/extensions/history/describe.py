@@ -13,7 +13,7 @@ from linked_fleet_gateway.api import Property
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.span import Span, lexical_time, query
-from linked_fleet_gateway.extensions.history.thinning import GAP_NS
+from linked_fleet_gateway.extensions.history.thinning import GAP_NS, is_gap
 from linked_fleet_gateway.extensions.history.track import Excerpt, Series, Track, wall_ns
 from linked_fleet_gateway.faces import Describer
 from linked_fleet_gateway.fleet.robot import Robot
@@ -107,7 +107,7 @@ def page_of(track: Track | None, span: Span, most: int) -> Page:
 def _held(track: Track, at_ns: int) -> Excerpt:
     """Return the frame that held at a time, if the robot was heard then."""
     found = track.excerpt(None, at_ns + 1, 1)
-    heard = found.frames and at_ns - wall_ns(found.frames[0]) <= GAP_NS
+    heard = found.frames and at_ns - wall_ns(found.frames[0]) <= GAP_NS and not is_gap(found.frames[0])
     return Excerpt(track.joints, found.frames if heard else ())
 
 

@@ -107,6 +107,7 @@ class History:
             self._forget(name)
         async for latest in time_sliced(self._fleet.frames.latest_frames()):
             self.sample(latest)
+        self._end_silent()
 
     async def _thin_all(self) -> None:
         share = self.most_bytes / len(self._tracks)
@@ -124,14 +125,26 @@ class History:
                 return
             track = self._begin(latest, track)
         frame = latest.frame[0]
-        if track is not None and frame is not track.newest:
-            self.bytes -= track.bytes
-            if (newest := track.newest) is not None and latest.frame[3] - wall_ns(newest) > GAP_NS:
-                track.append(gap_after(newest), int(self.span_s * 1e9))
-            track.append(frame, int(self.span_s * 1e9))
-            self.bytes += track.bytes
-            if self.archive is not None:
-                self.archive.add(latest.robot, frame)
+        if track is None or frame is track.heard:
+            return
+        if track.heard is not None and wall_ns(frame) - wall_ns(track.heard) > GAP_NS:
+            self._append(track, gap_after(track.heard))
+        self._append(track, frame)
+        track.heard, track.heard_s = frame, time.monotonic()
+        if self.archive is not None:
+            self.archive.add(latest.robot, frame)
+
+    def _append(self, track: Track, frame: bytes) -> None:
+        self.bytes -= track.bytes
+        track.append(frame, int(self.span_s * 1e9))
+        self.bytes += track.bytes
+
+    def _end_silent(self) -> None:
+        """Add the gap of each robot that is heard no longer."""
+        before_s = time.monotonic() - GAP_NS / 1e9
+        for track in self._tracks.values():
+            if track.heard_s < before_s and track.heard is not None and track.heard is track.newest:
+                self._append(track, gap_after(track.heard))
 
     def _begin(self, latest: Latest, before: Track | None) -> Track | None:
         """Start a track for another run or description; other joints start a new history."""

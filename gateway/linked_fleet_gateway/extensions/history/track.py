@@ -84,6 +84,10 @@ class Track:
         self.run = run
         self.joints = joints
         self.bytes = 0
+        self.heard: bytes | None = None
+        """The last frame that came; what follows it is a gap."""
+        self.heard_s = 0.0
+        """When it was taken, by the monotonic clock."""
         self._frames: list[bytes] = []
         self._share = _FINEST
 

@@ -40,7 +40,7 @@ def recordings(facts: Facts, iri: NamedNode) -> Part:
 
 def recording(facts: Facts, iri: NamedNode) -> Part:
     robots = [facts.place_link(each) for each in facts.all(iri, RDFS.seeAlso) if isinstance(each, NamedNode)]
-    return Part({"row": _row(facts, iri), "robots": robots}, _SHOWN)
+    return Part({"row": _row(facts, iri), "robots": robots}, _SHOWN | {RDFS.seeAlso})
 
 
 def _row(facts: Facts, iri: NamedNode) -> Row:

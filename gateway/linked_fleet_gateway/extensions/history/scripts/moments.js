@@ -14,7 +14,7 @@ const ROWS = { velocity: "velocities", effort: "efforts" };
 const AXES = ["position.x", "position.y", "position.z", "orientation.x", "orientation.y", "orientation.z", "orientation.w"];
 
 /** @typedef {import("../../pages/scripts/src/past.js").Table} Table */
-/** @typedef {import("../../pages/scripts/src/scene_state.js").Values & {names: string[]}} Then what joints were, with their names */
+/** @typedef {import("../../pages/scripts/src/scene_state.js").Values & {names: string[], slides: boolean[]}} Then what joints were, with their names, and whether each slides */
 
 /** Reads `/…/history`, or a whole recording if `isWhole`. */
 export class Moments {
@@ -84,6 +84,7 @@ class Part {
     const segments = [...new Set(this.columns.flatMap((found) => (found ? [found[1]] : [])))];
     this.names = segments.map(decodeURIComponent);
     const column = (segment, wanted) => this.columns.findIndex((found) => found?.[1] === segment && wanted(found[2]));
+    this.slides = segments.map((segment) => table.names.includes(`${segment}/translation`));
     this.rows = segments.map((segment) => ({
       positions: column(segment, (kind) => !(kind in ROWS)),
       velocities: column(segment, (kind) => kind === "velocity"),
@@ -101,6 +102,7 @@ class Part {
     const base = this.base.map(value);
     return {
       names: this.names,
+      slides: this.slides,
       positions: of("positions"),
       velocities: of("velocities"),
       efforts: of("efforts"),

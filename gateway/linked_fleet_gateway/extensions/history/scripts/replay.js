@@ -8,6 +8,8 @@ import { lf } from "../../pages/scripts/src/vocabulary.js";
 
 const STEPS = 1000;
 const AHEAD_S = 20;
+const DECIMALS = 5; // more are invisible
+const [TURNS, SLIDES] = [["rad", "rad/s", "N m"], ["m", "m/s", "N"]];
 const NOTHING = "Nothing is known of this time: the robot was not heard, or the history does not reach so far.";
 
 export function start(/** @type {HTMLElement} */ section) {
@@ -164,7 +166,10 @@ class Then {
     this.article.toggleAttribute("data-nothing", !then);
     this.article.dataset.at = String(time);
     if (then) {
-      const rows = then.names.map((name, index) => row(name, [then.positions, then.velocities, then.efforts].map((each) => each[index])));
+      const rows = then.names.map((name, index) => {
+        const values = [then.positions, then.velocities, then.efforts].map((each) => each[index]);
+        return row(name, values, then.slides[index] ? SLIDES : TURNS);
+      });
       this.table.querySelector("tbody").replaceChildren(...rows);
     }
     const shown = then ? [...values].sort(([a], [b]) => a.localeCompare(b)) : [];
@@ -176,10 +181,11 @@ class Then {
   }
 }
 
-function row(name, values) {
+function row(name, values, units) {
   const line = document.createElement("tr");
   const head = Object.assign(document.createElement("th"), { textContent: name, scope: "row" });
-  line.append(head, ...values.map((value) => Object.assign(document.createElement("td"), { textContent: Number.isFinite(value) ? number(value) : "unknown" })));
+  const text = (value, unit) => (Number.isFinite(value) ? `${number(Number(value.toFixed(DECIMALS)))} ${unit}` : "unknown");
+  line.append(head, ...values.map((value, index) => Object.assign(document.createElement("td"), { textContent: text(value, units[index]) })));
   return line;
 }
 

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import time
 from typing import Literal
 
 import pytest
@@ -9,6 +10,7 @@ import pytest
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
 from linked_fleet_gateway.extensions.history.recorder import History
+from linked_fleet_gateway.extensions.history.thinning import gap_after
 from linked_fleet_gateway.extensions.history.track import wall_ns
 from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.fleet import Appeared, Described, Fleet, Framed, Vanished
@@ -160,6 +162,32 @@ def test_many_robots_stay_within_their_memory_and_all_keep_what_is_old_and_what_
         kept = stamps(history, fleet, robot)
         assert kept[-2:] == [100, 101] and kept[0] < 60
     assert history.bytes == history.samples * (len(frame(1)) + 41)
+
+
+async def test_a_robot_that_falls_silent_has_a_gap_and_none_twice(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    fleet, history = make("r")
+    await history._sample_all()
+    monkeypatch.setattr(time, "monotonic", lambda: 1e9)
+    for _ in range(3):
+        await history._sample_all()
+    track = history.track(fleet.robots["r"])
+    assert track is not None
+    assert track.excerpt(None, None, 9).frames == (frame(1), gap_after(frame(1)))
+    assert fleet.frames.put("r", frame(50), 1)
+    await history._sample_all()
+    assert track.excerpt(None, None, 9).frames == (frame(1), gap_after(frame(1)), frame(50))
+
+
+def test_a_pause_between_two_frames_is_a_gap() -> None:
+    fleet, history = make("r")
+    look(history, fleet)
+    assert fleet.frames.put("r", frame(50), 1)
+    look(history, fleet)
+    track = history.track(fleet.robots["r"])
+    assert track is not None
+    assert track.excerpt(None, None, 9).frames == (frame(1), gap_after(frame(1)), frame(50))
 
 
 async def test_nothing_is_recorded_with_a_span_of_zero() -> None:

@@ -1,6 +1,7 @@
 """Recordings: when one begins, what it contains, and how many are kept."""
 
 import asyncio
+import csv
 import errno
 import io
 import math
@@ -259,6 +260,13 @@ def test_a_recording_is_found_by_links_and_read_by_the_reader_of_mcap(robot: Bro
     assert "content-disposition" not in robot.http.get(member, headers={"accept": "text/turtle"}).headers
     states = read(answer.content)["/joint_states"]
     assert len(states) > 30 and len(states[0][1].name) == 6
+    rows = list(csv.DictReader(io.StringIO(robot.http.get(member, headers={"accept": "text/csv"}).text, newline="")))
+    for (_, said), row in zip(states, rows, strict=True):
+        assert [float(each) for each in row.values() if "T" not in each] == [
+            *said.position,
+            *said.velocity,
+            *said.effort,
+        ]
     assert len(list((tmp_path / "recordings").glob("*/*.mcap"))) == 1
     with events(member.rpartition("/")[0], "text/event-stream") as container:
         container.next()

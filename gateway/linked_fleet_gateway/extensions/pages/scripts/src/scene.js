@@ -241,6 +241,8 @@ class RobotScene {
         this.motion = new Motion(this.robot, this.names);
       }
       this.accept(values, false);
+      this.motion.step(performance.now());
+      this.picker.refresh();
     }
     this.view?.invalidate(true);
   }

@@ -1,0 +1,130 @@
+"""Robots as they were: the timeline and the page of a recording show the pose of an instant, and none in a gap."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from urllib.parse import urlencode
+
+import pytest
+from playwright.sync_api import Page, ViewportSize, expect
+from rdflib import URIRef
+
+from browser import LDP, LF
+from browser import Browser as Client
+from chromium import DESK, PHONE
+from commanding import of_joint, post, radian
+from linked_fleet_gateway.extensions.recordings.resources import TERMS
+from running import eventually
+from small_fleet import Place, live, offline
+
+pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
+JOINT = "wrist_3_joint"
+ONE = re.compile(r"^(1|0\.9\d*|1\.0\d*) rad$")
+SHOWN = "() => document.querySelector('#replay .scene').scene"
+
+
+@dataclass
+class Past:
+    """A robot that turned its wrist from 0 to 1 rad, was stopped, and left. Times in seconds since 1970."""
+
+    root: str
+    recording: str
+    before: float
+    after: float
+    gone: float
+
+    def timeline(self, at: float) -> str:
+        """Return the address of the timeline that begins to show an instant."""
+        query = {"from": written(self.before - 20), "until": written(self.gone + 600), "robot": "ur5"}
+        return f"{self.root}timeline?{urlencode(query)}#at={written(at)}"
+
+
+def written(time: float) -> str:
+    return datetime.fromtimestamp(time, UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+
+
+@pytest.fixture(scope="module")
+def past(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Past]:
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, client):
+        with place.ur5():
+            live(client, "ur5")
+            before = eventually(lambda: newest(client), "the first sample")
+            answer = post(client, of_joint(client, JOINT, LF.Rotate), radian(1.0), prefer="wait=30")
+            assert answer.status_code < 300, answer.text
+            after = eventually(lambda: found if (found := newest(client)) and found > before + 1 else None, "more")
+            post(client, f"{client.root}ur5/actions/stop")
+            recording = eventually(lambda: recorded(client), "the recording")
+        offline(client, "ur5")
+        yield Past(client.root, recording, before, after, eventually(lambda: gap(client), "the gap"))
+
+
+def newest(client: Client) -> float | None:
+    text = str(client.page(f"{client.root}ur5/history").one(LF.newestSample))
+    return None if text == str(LF.unknown) else datetime.fromisoformat(text).timestamp()
+
+
+def gap(client: Client) -> float | None:
+    """Return the time from which on nothing is known."""
+    *_, last = client.http.get(f"{client.root}ur5/history?as=csv&limit=1").text.split()
+    time, *values = last.split(",")
+    return None if any(values) else datetime.fromisoformat(time).timestamp()
+
+
+def recorded(client: Client) -> str | None:
+    robot = client.robot("ur5")
+    for container in robot.graph.objects(robot.iri, URIRef(TERMS + "recordings")):
+        return str(next(client.page(str(container)).graph.objects(None, LDP.contains)))
+    return None
+
+
+def opened(page: Page, address: str, size: ViewportSize) -> None:
+    page.set_viewport_size(size)
+    page.goto(address)
+    if size == PHONE:
+        page.get_by_role("button", name="Draw it in 3D").click()
+    scene = page.locator("#replay .scene")
+    scene.scroll_into_view_if_needed()
+    expect(scene).to_have_attribute("data-phase", "ready")
+
+
+def go(page: Page, time: float) -> None:
+    page.evaluate("(time) => document.getElementById('replay').replay.go(time)", time)
+    expect(page.locator(f"#replay article[data-at='{time}']")).to_have_count(1)
+
+
+def wrist(page: Page) -> float | None:
+    """Return the drawn position; None if the robot is not drawn."""
+    found: float | None = page.evaluate(
+        f"() => {{ const s = ({SHOWN})(); return s.robot.visible ? s.positions()['{JOINT}'] : null; }}"
+    )
+    return found
+
+
+@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
+def test_a_robot_is_shown_as_it_was_and_not_where_nothing_was_heard(page: Page, past: Past, size: ViewportSize) -> None:
+    opened(page, past.timeline(past.after), size)
+    assert eventually(lambda: wrist(page), "a pose") == pytest.approx(1.0, abs=0.02)
+    expect(page.locator("#replay tbody tr", has_text=JOINT).locator("td").first).to_have_text(ONE)
+    go(page, past.before)
+    assert wrist(page) == pytest.approx(0.0, abs=0.02)
+    go(page, past.after - 0.5)
+    assert 0.1 < (wrist(page) or 0) <= 1.001
+    for nothing in (past.before - 10, past.gone + 0.2):
+        go(page, nothing)
+        assert wrist(page) is None
+        expect(page.locator("#replay .replay-says")).to_contain_text("Nothing is known")
+        expect(page.locator("#replay table")).to_be_hidden()
+    assert page.evaluate("document.documentElement.scrollWidth") == size["width"]
+
+
+def test_a_recording_plays_to_its_end(page: Page, past: Past) -> None:
+    opened(page, past.recording, DESK)
+    assert eventually(lambda: page.locator("#replay").get_attribute("data-at"), "its beginning")
+    assert wrist(page) == pytest.approx(0.0, abs=0.02)
+    page.get_by_label("Speed").select_option("4")
+    page.get_by_role("button", name="Play").click()
+    expect(page.get_by_role("button", name="Pause")).to_be_visible()
+    eventually(lambda: (wrist(page) or 0) > 0.98, "its end")
+    expect(page.get_by_role("button", name="Play")).to_be_visible()
