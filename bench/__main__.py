@@ -44,6 +44,7 @@ SUITES = (
     Suite("transports"),
     Suite("links"),
     Suite("memory", repeated=False),
+    Suite("history", repeated=False),
     Suite("pages", repeated=False),
     Suite("peers", repeated=False),
 )

@@ -40,6 +40,7 @@ SHORT: Mapping[str, Mapping[str, Any]] = {
     "transports": {"seconds": 0.3, "losses": (0.02,)},
     "links": {"seconds": 0.3, "losses": (0.02,)},
     "memory": {"_": 0.0, "steps": 2, "size": 40},
+    "history": {"minutes": 2, "fleets": {"five": (2, 2, 2, 2, 2)}},
     "pages": {"seconds": 0.3, "robots": 5},
 }
 

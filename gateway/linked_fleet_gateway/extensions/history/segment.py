@@ -163,7 +163,8 @@ def finish_left(path: Path) -> None:
     with closing(sqlite3.connect(path, timeout=0.0, isolation_level=None)) as database:
         _check(database)
         if database.execute("PRAGMA user_version").fetchone() != (_FINISHED,):
-            database.execute("PRAGMA journal_mode = DELETE")  # fails while another process has it open
+            if database.execute("PRAGMA journal_mode = DELETE").fetchone() != ("delete",):
+                raise sqlite3.OperationalError("another process has it open")
             database.execute(f"PRAGMA user_version = {_FINISHED}")
 
 

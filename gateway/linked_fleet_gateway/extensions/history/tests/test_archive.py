@@ -285,3 +285,13 @@ def test_gateways_may_share_a_folder_and_each_answers_from_what_all_have_written
         disk.write()
     assert one.frames()[0] == heard[0] and len(one.frames()) == len({*map(wall_ns, one.frames())})
     assert one.frames(robot="s") == other.frames(robot="s") != ()
+
+
+def test_a_gateway_that_begins_leaves_the_segment_of_another_as_it_is(tmp_path: Path) -> None:
+    one = Disk(tmp_path)
+    one.move(BEGIN, 10)
+    other = Disk(tmp_path)
+    before = other.frames()
+    assert before == one.frames() != ()
+    one.move(BEGIN + 10 * S, 10)
+    assert len(other.frames()) > len(before) and other.archive.findings == one.archive.findings == []
