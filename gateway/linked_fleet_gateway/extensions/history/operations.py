@@ -4,6 +4,7 @@ from linked_fleet_gateway.api import RequestView, robot_path
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.listing import HISTORIES
 from linked_fleet_gateway.extensions.history.resources import SEGMENT, measured_paths
+from linked_fleet_gateway.extensions.history.values import VALUES
 from linked_fleet_gateway.extensions.openapi.api import (
     Json,
     parameter,
@@ -18,6 +19,7 @@ _SPAN = [
     parameter("from", "query", _TIME, "The earliest time."),
     parameter("to", "query", _TIME, "The end of the span; samples at that time are excluded."),
     parameter("last", "query", _DURATION, "Length of the span up to the newest sample, instead of from and to."),
+    parameter("at", "query", _TIME, "A single time, instead of the others: the sample that held then."),
     parameter(
         "limit", "query", {"type": "integer", "minimum": 1, "maximum": 999_999_999}, "The maximum number of samples."
     ),
@@ -37,6 +39,9 @@ def operations(view: RequestView) -> dict[str, Json]:
     found = resource_path_items(HISTORIES, {}, "Histories", "The histories of all robots")
     if robots:
         found |= resource_path_items(f"/{{robot}}/{SEGMENT}", of, "History", "Recent values of a robot", whole)
+        what = "What components of a robot said"
+        values = rdf_get_operation("readComponentHistory", what, None, {"csv": CSV}, _SPAN)
+        found |= resource_path_items(f"/{{robot}}/{SEGMENT}/{VALUES}", of, "ComponentHistory", what, values)
     if own:
         get = rdf_get_operation("readOwnHistory", "Recent values of a property of a robot", None, {"csv": CSV}, _SPAN)
         template, parameters = (
