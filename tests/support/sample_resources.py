@@ -8,8 +8,9 @@ from floor_maps import FREE, UNKNOWN, WALL, pgm, yaml
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, Description
 from linked_fleet_gateway.extensions.cameras.resources import cameras_branch
+from linked_fleet_gateway.extensions.history.listing import list_branch
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.history.resources import RecordedHistory, list_branch
+from linked_fleet_gateway.extensions.history.resources import RecordedHistory
 from linked_fleet_gateway.extensions.history.resources import history_branches as histories
 from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.extensions.models.resources import BRANCHES as MODELS

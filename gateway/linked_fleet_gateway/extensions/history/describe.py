@@ -36,7 +36,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
 LF = CORE.extended(
     "History HistoryList HistoryListShape HistoryShape histories history historySpan samplingPeriod oldestSample "
-    "newestSample sampleCount from to last limit at diskSpan ComponentHistory componentHistory"
+    "newestSample sampleCount from to last limit at diskSpan ComponentHistory ComponentHistoryShape componentHistory"
 )
 
 _READY = {"the last 10 s": "PT10S", "the last minute": "PT1M"}

@@ -96,8 +96,8 @@ def history_branches(history: History, world: World | None) -> tuple[RobotBranch
         found = _of_robot(history, world, view, robot)
         if rest == ["blueprint"]:
             return blueprint_of(found, view.base, (LF.HistoryShape,))
-        if rest == [VALUES] and history.archive is not None:
-            return values_of(history, view, robot)
+        if rest[:1] == [VALUES] and history.archive is not None:
+            return values_of(history, view, robot, rest[1:])
         return None if rest else found
 
     def of_property(view: RequestView, robot: Robot, owner: str, item: Property, rest: list[str]) -> Found:

@@ -9,7 +9,20 @@ from dataclasses import dataclass
 
 from pyoxigraph import Literal
 
-from linked_fleet_gateway.api import Graph, Request, RequestView, Resource, Response, Robot, read_resource, robot_path
+from linked_fleet_gateway.api import (
+    Found,
+    Graph,
+    NamedNode,
+    Request,
+    RequestView,
+    Resource,
+    Response,
+    Robot,
+    Source,
+    blueprint_of,
+    read_resource,
+    robot_path,
+)
 from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.describe import LF
 from linked_fleet_gateway.extensions.history.files import CSV
@@ -17,7 +30,7 @@ from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.segment import Said
 from linked_fleet_gateway.extensions.history.span import MOST, Span, lexical_time, parse_span, query
 from linked_fleet_gateway.rdf.graph import timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDF, RDFS, SOSA
+from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, SOSA
 from linked_fleet_gateway.serving import Rendition, WebLink, link_header
 
 VALUES = "values"
@@ -35,9 +48,16 @@ class RecordedValues:
     robot: Robot
 
 
-def values_of(history: History, view: RequestView, robot: Robot) -> Resource:
+def values_of(history: History, view: RequestView, robot: Robot, rest: list[str]) -> Found:
+    """Return the values of a robot, or their blueprint."""
     path = f"{robot_path(robot.name)}history/{VALUES}"
-    return Resource(path, f"Values of {robot.name}", None, remote=RecordedValues(history, view, robot))
+    found = Resource(
+        path, f"Values of {robot.name}", None, own_paths=(path + "/blueprint",), source=Source(robot=robot),
+        remote=RecordedValues(history, view, robot),
+    )  # fmt: skip
+    if rest == ["blueprint"]:
+        return blueprint_of(found, view.base, (LF.ComponentHistoryShape,))
+    return None if rest else found
 
 
 async def read_values(request: Request, found: Resource, recorded: RecordedValues) -> Response:
@@ -79,6 +99,7 @@ def _resource(recorded: RecordedValues, found: Resource, said: Sequence[Said]) -
         iri, root = view.iri(found.path), robot_path(robot.name)
         graph.a(iri, LF.ComponentHistory, SOSA.ObservationCollection)
         graph.add(iri, DCTERMS.title, Literal(found.title))
+        graph.add(iri, HYBRIT.blueprint, LF.ComponentHistoryShape, NamedNode(iri.value + "/blueprint"))
         graph.add(iri, LF.ofRobot, view.iri(root))
         graph.add(iri, RDFS.seeAlso, view.iri(root + "history"))
         for each in said:

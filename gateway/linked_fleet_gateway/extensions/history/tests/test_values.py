@@ -6,10 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+import pyshacl
 import pytest
 from rdflib import URIRef
 
-from browser import LF, SOSA, Browser
+from browser import HYBRIT, LF, SOSA, Browser
 from component_cell import Cell, Grasped
 from linked_fleet_gateway.extensions.history.segment import Said
 from linked_fleet_gateway.extensions.history.values import _selected
@@ -72,6 +73,10 @@ def test_they_are_linked_data_with_the_addresses_of_the_properties(scene: Scene)
     assert {str(each).removeprefix(scene.browser.root) for each in page.graph.objects(None, SOSA.observedProperty)} == {
         "cell/gripper/width", "cell/lamp/on", "cell/lamp/colour", "cell/lamp/pieces", "cell/lamp/count",
     }  # fmt: skip
+    (blueprint,) = [each for each in page.graph.objects(page.iri, HYBRIT.blueprint) if each != LF.ComponentHistoryShape]
+    shapes = scene.browser.page(str(blueprint)).graph
+    conforms, _, text = pyshacl.validate(page.graph, shacl_graph=shapes, inference="none")
+    assert conforms, text
     assert page.one(LF.ofRobot) == URIRef(scene.browser.root + "cell/")
     assert scene.browser.http.get(scene.values, headers={"accept": "text/html"}).status_code == 200
 
