@@ -88,6 +88,7 @@ def pages_of_each_kind(browser: Browser) -> dict[str, str]:
         "histories": str(root.one(LF.histories)),
         "history": history,
         "history of a property": rotation + "/history",
+        "history of components": robot.url + "history/values",
         "audit": browser.root + "audit",
         "people": browser.root + "people",
         "requests for control": browser.root + "control-requests",
