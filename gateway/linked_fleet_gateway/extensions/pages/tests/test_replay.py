@@ -10,6 +10,7 @@ import pytest
 from playwright.sync_api import Page, ViewportSize, expect
 from rdflib import URIRef
 
+from accessibility import violations
 from browser import LDP, LF
 from browser import Browser as Client
 from chromium import DESK, PHONE
@@ -107,6 +108,7 @@ def test_a_robot_is_shown_as_it_was_and_not_where_nothing_was_heard(page: Page, 
     opened(page, past.timeline(past.after), size)
     assert eventually(lambda: wrist(page), "a pose") == pytest.approx(1.0, abs=0.02)
     expect(page.locator("#replay tbody tr", has_text=JOINT).locator("td").first).to_have_text(ONE)
+    assert violations(page) == []
     go(page, past.before)
     assert wrist(page) == pytest.approx(0.0, abs=0.02)
     go(page, past.after - 0.5)
@@ -123,6 +125,7 @@ def test_a_recording_plays_to_its_end(page: Page, past: Past) -> None:
     opened(page, past.recording, DESK)
     assert eventually(lambda: page.locator("#replay").get_attribute("data-at"), "its beginning")
     assert wrist(page) == pytest.approx(0.0, abs=0.02)
+    assert violations(page) == []
     page.get_by_label("Speed").select_option("4")
     page.get_by_role("button", name="Play").click()
     expect(page.get_by_role("button", name="Pause")).to_be_visible()
