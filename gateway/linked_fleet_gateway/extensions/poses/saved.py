@@ -242,6 +242,7 @@ def _findings(member: Member[SavedPose]) -> tuple[str, ...]:
 
 
 def _describe_groups(graph: Graph, iri: NamedNode, robot: Robot, view: RequestView) -> None:
+    graph.add(iri, RDFS.seeAlso, view.iri(robot_path(robot.name)))
     graph.add(iri, LF.ofRobot, view.iri(robot_path(robot.name)))
     for name, joints in groups_of(robot).items():
         node = graph.blank(LF.JointGroup)
