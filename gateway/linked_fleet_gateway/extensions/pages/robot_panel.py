@@ -36,6 +36,7 @@ class Panel:
     cameras: str
     history: str
     teach: str
+    notes: str
     poses: Sequence[Pose]
 
 
@@ -48,6 +49,7 @@ def panel(facts: Facts, iri: NamedNode) -> Panel:
         cameras=facts.iri_of(iri, LF.cameras),
         history=facts.iri_of(iri, LF.history),
         teach=facts.iri_of(iri, LF.savedPoses),
+        notes=facts.iri_of(iri, LF.notesOfRobot),
         poses=list(_poses(facts, iri)),
     )
 

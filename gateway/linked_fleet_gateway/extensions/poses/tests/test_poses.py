@@ -4,14 +4,13 @@ import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import httpx
 import pytest
 import rdflib
 from rdflib import URIRef
 
-from browser import DCTERMS, HYBRIT, LDP, LF, VOM, Browser, Page
+from browser import DCTERMS, LDP, LF, VOM, Browser, Page
 from gateway_group import Gateway, gateways, hub
 from linked_fleet_gateway.app.extensions import BUILT_IN
 from redis_servers import Servers, single
@@ -243,4 +242,3 @@ def test_poses_are_not_saved_while_redis_is_away(hall: Hall) -> None:
 
 def test_the_extension_is_built_in() -> None:
     assert "poses" in {each.name for each in BUILT_IN}
-    assert HYBRIT
