@@ -69,3 +69,19 @@ def test_poses_are_taught_and_run_as_a_sequence(operator: PageUser, client: Clie
     page.wait_for_url("**/ur5/poses")
     expect(page.get_by_role("link", name="below")).to_have_count(0)
     assert operator.made == 15
+
+
+def test_a_note_is_written_on_the_page_of_a_robot(operator: PageUser, client: Client) -> None:
+    page, press = operator.page, operator.press
+    page.goto(client.root + "ur5/")
+    notes = page.locator("#notes")
+    notes.scroll_into_view_if_needed()
+    notes.get_by_role("textbox").fill("It squeaks.\nGreased on Monday.")
+    press(notes.get_by_role("button", name="Write it down"))
+    expect(notes.locator("li .text")).to_have_text("It squeaks.\nGreased on Monday.")
+    assert operator.made == 1
+    press(notes.get_by_role("button", name="Delete"))
+    press(page.get_by_role("dialog").get_by_role("button", name="Delete"))
+    page.goto(client.root + "ur5/notes")
+    expect(page.locator("#notes")).to_contain_text("Nobody has written a note")
+    assert violations_in_both_schemes(page) == [] and operator.fits()
