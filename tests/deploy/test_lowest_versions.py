@@ -55,6 +55,7 @@ def test_the_tests_pass_with_the_lowest_versions(tmp_path: Path) -> None:
         "pytest",
         "pytest-xdist",
         "pytest-rerunfailures",
+        "pytest-timeout",
         "hypothesis",
         "fakeredis[lua]",
         "jsonschema",

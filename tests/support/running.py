@@ -103,9 +103,10 @@ class Process:
         except subprocess.TimeoutExpired:
             self._child.send_signal(signal.SIGABRT)  # faulthandler then prints the stack of every thread
             self._child.wait(PATIENCE_S)
-            self._reader.join()
+            self._reader.join(PATIENCE_S)
             raise AssertionError(f"it did not end:\n{self.output}") from None
-        self._reader.join()
+        self._reader.join(PATIENCE_S)
+        assert not self._reader.is_alive(), f"it ended, and a process that it started did not:\n{self.output}"
         return code
 
     @property
@@ -134,8 +135,9 @@ class Process:
         finally:
             if self._child.poll() is None:
                 self._child.kill()
-            assert self._child.stdout is not None
-            self._child.stdout.close()
+            if not self._reader.is_alive():  # otherwise closing would wait for the reader
+                assert self._child.stdout is not None
+                self._child.stdout.close()
 
 
 @contextlib.contextmanager
