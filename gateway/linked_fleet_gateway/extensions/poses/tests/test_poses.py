@@ -4,6 +4,7 @@ import contextlib
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import httpx
 import pytest
@@ -12,10 +13,11 @@ from rdflib import URIRef
 
 from browser import DCTERMS, LDP, LF, VOM, Browser, Page
 from gateway_group import Gateway, gateways, hub
-from linked_fleet_gateway.app.extensions import BUILT_IN
+from linked_fleet_gateway.api import KeptPose
+from linked_fleet_gateway.faces import named_poses, pose_finding
 from redis_servers import Servers, single
 from running import Process, eventually, process
-from small_fleet import live
+from small_fleet import Place, live, offline
 
 pytestmark = pytest.mark.virtual
 JSON = {"accept": "application/json"}
@@ -92,7 +94,7 @@ def _names(hall: Hall, at: Gateway | None = None) -> set[str]:
     return {str(each) for head in heads for each in graph.items(head)}
 
 
-def _test_saves_the_present_positions(hall: Hall, robot: str, count: int) -> Page:
+def _saves_the_present_positions(hall: Hall, robot: str, count: int) -> Page:
     made = hall.save(robot, title="here", note="above the table")
     assert made.status_code == 201, made.text
     page = hall.browser.page(made.headers["location"])
@@ -101,7 +103,7 @@ def _test_saves_the_present_positions(hall: Hall, robot: str, count: int) -> Pag
 
 
 def test_the_present_positions_of_all_joints_are_saved(hall: Hall) -> None:
-    page = _test_saves_the_present_positions(hall, "ur5", 6)
+    page = _saves_the_present_positions(hall, "ur5", 6)
     state = hall.browser.http.get(hall.browser.root + "ur5/shoulder_pan_joint/rotation", headers=JSON).json()
     assert _positions(page)["shoulder_pan_joint"] == pytest.approx(state["value"], abs=1e-4)
     said = page.graph
@@ -240,5 +242,31 @@ def test_poses_are_not_saved_while_redis_is_away(hall: Hall) -> None:
     eventually(lambda: hall.save(title="there").status_code == 201, "poses are saved again")
 
 
-def test_the_extension_is_built_in() -> None:
-    assert "poses" in {each.name for each in BUILT_IN}
+def test_poses_are_deleted_with_their_robot(tmp_path_factory: pytest.TempPathFactory) -> None:
+    """While it is offline they stay, and no present positions are saved."""
+    place = Place(tmp_path_factory.mktemp("state"))
+    with place.gateway() as (_, browser):
+        url = f"{browser.root}ur5/poses"
+        with place.ur5():
+            live(browser, "ur5")
+            assert browser.http.post(url, json={"title": "here"}).status_code == 201
+        robot = offline(browser, "ur5").url
+        assert len(_members(browser.page(url))) == 1
+        answer = browser.http.post(url, json={"title": "there"})
+        assert answer.status_code == 409 and "ur5 is offline" in answer.text
+        assert browser.http.delete(robot).status_code == 204
+        with place.ur5():
+            live(browser, "ur5")
+            assert not _members(browser.page(url))
+            assert browser.http.post(url, json={"title": "here"}).status_code == 201
+
+
+def test_a_pose_that_fits_no_longer_says_why(bench: Any) -> None:
+    """It stays, is named by its robot with the reason, and is taken by no action."""
+    joint = {"elbow": ("revolute", '<limit lower="-1" upper="2" velocity="1" effort="1"/>')}
+    robot = bench.robot(joint)
+    kept = {"up": KeptPose("/r/poses/1", {"elbow": 1.0}), "far": KeptPose("/r/poses/2", {"elbow": 3.0})}
+    robot.set_poses(kept | {"gone": KeptPose("/r/poses/3", {"wrist": 1.0})})
+    assert named_poses(robot) == {"up": {"elbow": 1.0}}
+    assert pose_finding(robot, {"elbow": 3.0}) == "elbow would be at 3, outside its limits -1.0 to 2.0 (SI units)."
+    assert pose_finding(robot, {"wrist": 1.0}) == "r has no joint wrist."
