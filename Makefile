@@ -136,6 +136,7 @@ test-long: export LONG_TESTS := 1
 test-long: .venv/stamp $(ASSETS) $(NODE_WOT) $(STRANGERS) $(CLIENTS) $(ROS_PEERS) chromium egl java tools helm
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) -o timeout=1000 -o faulthandler_timeout=1100 -m 'test_all or hypothesis' $(LONG_ARGS)
 
+test-all: export ALL_EXAMPLES := 1
 test-all: test test-long fuzz soak fleet-check
 
 check: .venv/stamp .venv-bare/stamp

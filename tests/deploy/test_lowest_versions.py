@@ -18,6 +18,8 @@ _FOLLOWING = re.compile(r"opentelemetry|mujoco|protobuf|cmeel|coal|eigenpy|lib")
 _OTHERWISE = ("PIP_CONSTRAINT", "PIP_BUILD_CONSTRAINT", "PYTEST_")
 """Variables of this run that do not apply to the other environment."""
 TESTS = ("tests/agents", "tests/gateway", "gateway/linked_fleet_gateway/extensions/query")
+LONG = ("tests/agents/test_simulated_paths.py", "tests/agents/test_walking.py")
+"""Minutes of simulation, which use no more of a dependency than the others."""
 
 
 def _declared() -> dict[str, str]:
@@ -66,6 +68,7 @@ def test_the_tests_pass_with_the_lowest_versions(tmp_path: Path) -> None:
     packages = ["-e", "agents[sim,ros,tracing]", "-e", ".[mcp,foxglove]", *tools, *more]
     subprocess.run([python, *install, *packages], check=True, cwd=ROOT, env=environment)
     chosen = ["-q", "-n", "2", "--dist", "loadfile", "-m", "not test_all and not hypothesis", "-p", "no:cacheprovider"]
+    chosen += [f"--ignore={each}" for each in LONG]
     done = subprocess.run(
         [python, "-m", "pytest", *chosen, *TESTS], cwd=ROOT, env=environment, capture_output=True, text=True
     )

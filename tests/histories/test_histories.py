@@ -11,6 +11,7 @@ import pytest
 from histories.checking import Checker
 from histories.history import History
 from histories.runs import of_processes, on_one_server, on_promoted_servers
+from properties import ALL
 
 pytestmark = pytest.mark.test_all  # needs Go
 
@@ -20,7 +21,7 @@ pytestmark = pytest.mark.test_all  # needs Go
     [
         pytest.param(on_one_server, 5_000, id="one server"),
         pytest.param(of_processes, 4_000, id="http", marks=pytest.mark.processes),
-        pytest.param(on_promoted_servers, 100_000, id="stores", marks=pytest.mark.processes),
+        pytest.param(on_promoted_servers, 100_000 if ALL else 40_000, id="stores", marks=pytest.mark.processes),
     ],
 )
 def test_thousands_of_operations(

@@ -1,17 +1,22 @@
-"""Examples of property-based tests: fewer in ``make test``, all in ``make test-all``, others by ``NEW_EXAMPLES=1``."""
+"""Examples of property-based tests: few in ``make test``, more in ``make test-long``, all in ``make test-all``.
+
+``NEW_EXAMPLES=1`` draws others.
+"""
 
 import os
 
 import hypothesis
 
-LONG = "LONG_TESTS" in os.environ
-"""Set by ``make test-long``, which runs every property-based test again."""
-_SHARE = 4
+LONG, ALL = "LONG_TESTS" in os.environ, "ALL_EXAMPLES" in os.environ
+"""Set by ``make test-long``, which runs every property-based test again, and ``make test-all``."""
+_SHARE, _MOST_SHORT, _MOST_LONG = 4, 200, 2_000
 
 
 def examples(count: int) -> int:
     """Return how many of the ``count`` examples of a property this run tries."""
-    return count if LONG else max(count // _SHARE, 5)
+    if ALL:
+        return count
+    return min(count, _MOST_LONG) if LONG else min(max(count // _SHARE, 5), _MOST_SHORT)
 
 
 def load_profile() -> None:

@@ -20,7 +20,7 @@ from linked_fleet_gateway.rdf.validation import ShaclValidator
 from linked_fleet_gateway.rdf.vocabulary import LDP, LF, MATHS, RDF, XSD
 from linked_fleet_shacl import Data
 from linked_fleet_shacl.data import predicate_path, repeated_path
-from properties import LONG
+from properties import examples
 from shacl_findings import to_graph, turtle
 
 FOCUS, SHAPE = NamedNode(f"{ROBOT}part/actions/act"), NamedNode(f"{ROBOT}shape")
@@ -60,7 +60,7 @@ def pyshacl_accepts(shape: list[Triple], body: list[Triple], focus: Node = FOCUS
     return accepted
 
 
-@settings(max_examples=10_000 if LONG else 200, suppress_health_check=SLOW)
+@settings(max_examples=examples(10_000), suppress_health_check=SLOW)
 @given(st.data())
 def test_the_shape_of_an_input_accepts_what_its_schema_accepts(data: st.DataObject) -> None:
     schema = data.draw(schemas(objects()))
@@ -68,7 +68,7 @@ def test_the_shape_of_an_input_accepts_what_its_schema_accepts(data: st.DataObje
     assert is_accepted(input_of(schema), value) == (not value_problem(schema, value))
 
 
-@settings(max_examples=10_000 if LONG else 200, suppress_health_check=SLOW)
+@settings(max_examples=examples(10_000), suppress_health_check=SLOW)
 @given(st.data())
 def test_the_shape_of_a_property_accepts_what_its_schema_accepts(data: st.DataObject) -> None:
     schema = data.draw(schemas())
@@ -76,7 +76,7 @@ def test_the_shape_of_a_property_accepts_what_its_schema_accepts(data: st.DataOb
     assert is_accepted(input_of(schema, is_value=True), value) == (not value_problem(schema, value))
 
 
-@settings(max_examples=10_000 if LONG else 200, suppress_health_check=SLOW)
+@settings(max_examples=examples(10_000), suppress_health_check=SLOW)
 @given(st.data())
 def test_pyshacl_agrees(data: st.DataObject) -> None:
     schema = data.draw(schemas())
@@ -84,7 +84,7 @@ def test_pyshacl_agrees(data: st.DataObject) -> None:
     assert pyshacl_accepts(shape_of(taken), body_of(taken, value)) == (not value_problem(schema, value))
 
 
-@settings(max_examples=1_000 if LONG else 50, suppress_health_check=SLOW)
+@settings(max_examples=examples(1_000), suppress_health_check=SLOW)
 @given(st.data())
 def test_the_blueprint_of_a_property_accepts_its_values_and_unknown(data: st.DataObject) -> None:
     schema = data.draw(schemas())
@@ -163,7 +163,7 @@ def _changed_body(data: st.DataObject) -> tuple[Schema, Input, list[Triple]]:
     return schema, taken, data.draw(formed(schema).map(lambda value: body_of(taken, value)).flatmap(changed))
 
 
-@settings(max_examples=10_000 if LONG else 200, suppress_health_check=SLOW)
+@settings(max_examples=examples(10_000), suppress_health_check=SLOW)
 @given(st.data())
 def test_pyshacl_agrees_about_what_no_json_value_looks_like(data: st.DataObject) -> None:
     """Numbers in other units and datatypes, broken lists, two values of one member, nodes used twice."""
@@ -172,7 +172,7 @@ def test_pyshacl_agrees_about_what_no_json_value_looks_like(data: st.DataObject)
     assert pyshacl_accepts(shape_of(taken), body) == (taken.validator.report(body, FOCUS) is None)
 
 
-@settings(max_examples=10_000 if LONG else 200, suppress_health_check=SLOW)
+@settings(max_examples=examples(10_000), suppress_health_check=SLOW)
 @given(st.data())
 def test_whatever_is_read_conforms_to_the_schema(data: st.DataObject) -> None:
     schema, taken, body = _changed_body(data)

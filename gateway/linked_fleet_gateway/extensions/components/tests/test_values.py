@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.components.values import value_in
 from linked_fleet_gateway.rdf.graph import METRE, UNITLESS, Graph
 from linked_fleet_gateway.rdf.vocabulary import LF, MATHS, RDF, VOM, XSD
 from linked_fleet_shacl import Data
-from properties import LONG
+from properties import examples
 
 IRI = NamedNode(f"{ROBOT}part/value")
 TERM = f"{ROBOT}vocabulary#part-property-value"
@@ -59,7 +59,7 @@ def exact(value: object) -> object:
     return (isinstance(value, bool), value)
 
 
-@settings(max_examples=10_000 if LONG else 200)
+@settings(max_examples=examples(10_000))
 @given(st.data())
 def test_a_value_is_the_same_after_its_way_through_rdf(data: st.DataObject) -> None:
     """In any order of triples, and with other blank nodes."""
