@@ -26,7 +26,7 @@ from linked_fleet_gateway.base.errors import (
 from linked_fleet_gateway.base.settings import ON_OFF, TEXT, Section, setting, whole_number
 from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.fleet.model import Joint, Link, Pose, RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.robot import KeptPose, Robot
 from linked_fleet_gateway.http.body import body_type
 from linked_fleet_gateway.http.content import Content
 from linked_fleet_gateway.http.entrance import await_turn
@@ -62,8 +62,8 @@ __all__ = [
     "CONTAINER", "DCTERMS", "LDP", "LF", "METRE", "ON_OFF", "RADIAN", "RDF", "RDFS", "SECOND", "TEXT", "UNITLESS",
     "VERSION", "ActionRequest", "AsgiResponse", "BadRequest", "Body", "Busy", "Call", "Conflict", "Container",
     "Content", "Core", "DeferredPlan", "Demand", "Extension", "FleetBranch", "FleetError", "Follow", "Found", "Graph",
-    "Halt", "InSteps", "Invocation", "InvocationState", "Joint", "Link", "Literal", "Member", "Motion", "MotionGuard",
-    "Mount", "Move", "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose",
+    "Halt", "InSteps", "Invocation", "InvocationState", "Joint", "KeptPose", "Link", "Literal", "Member", "Motion",
+    "MotionGuard", "Mount", "Move", "NamedNode", "Namespace", "NavigationEntry", "NotFound", "Operation", "Pose",
     "PreconditionFailed", "Property", "PropertyBranch", "RedisUnavailable", "Request", "RequestEvent", "RequestView",
     "Resource", "Response", "Right", "Robot", "RobotBranch", "RobotModel", "Section", "Source",
     "SubprotocolConnection", "Table", "UnprocessableContent", "WebSocket", "WebSocketHandler", "ask", "await_turn",

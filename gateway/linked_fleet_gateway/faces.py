@@ -14,7 +14,7 @@ from linked_fleet_gateway.resources.action_offer import (
     path_offer,
 )
 from linked_fleet_gateway.resources.affordance import Invoke
-from linked_fleet_gateway.resources.annotations import named_poses
+from linked_fleet_gateway.resources.annotations import named_poses, pose_finding
 from linked_fleet_gateway.resources.body_values import Body, Setting, managed_statements, validate_body
 from linked_fleet_gateway.resources.branches import ThingDocument
 from linked_fleet_gateway.resources.describe import Describer, last_frame, part_paths
@@ -64,7 +64,8 @@ __all__ = [
     "action_definitions", "commandable_joints", "describe_invocation", "describe_lease", "describe_request_shape",
     "describe_terms", "drive_limits", "form_in", "form_of", "form_of_input", "form_of_target", "invocation_path",
     "joint_path", "kind_of", "last_frame", "lease_path", "lexical_time", "link_path", "managed_statements",
-    "named_poses", "offers_at", "part_path", "part_paths", "parts_of", "path_ahead", "path_offer", "properties_at",
+    "named_poses", "offers_at", "part_path", "part_paths", "parts_of", "path_ahead", "path_offer", "pose_finding",
+    "properties_at",
     "relative_pose", "robot_of", "robot_path", "round_to_resolution", "run_steps", "thing_at", "unchecked_links",
     "validate_body",
 ]  # fmt: skip

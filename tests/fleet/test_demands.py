@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import count
 from typing import Any, NamedTuple
 
 import httpx
@@ -67,6 +68,7 @@ class Place:
     """Bodies of actions in plain JSON, by name."""
 
     def __post_init__(self) -> None:
+        self._numbers = count()
         http, mission = self.browser.http, {"title": "m", "step": {"type": "notify", "text": "hello"}}
         self._mission = http.post(self.browser.root + "missions", json=mission).headers["location"]
         before, self._last = _texts(self.tree), _texts(walk(self.browser.root, self.browser.http))
@@ -115,6 +117,8 @@ class Place:
             "placement": f"<> {_AT} .",
             "availability": '<> lf:inService false ; lf:reason "worn" .',
             "tags": '<> lf:tag "arms" , "hall 3" .',
+            "notes": f"<> lf:noteText 'Mind the cable.' ; lf:noteAbout <{self.browser.root}ur5/> .",
+            "poses": f'<> dcterms:title "here {next(self._numbers)}" .',
             "mode": '<> lf:value "automatic" .',
             "speedScale": "<> lf:value [ vom:numericalValue 0.5 ] .",
             "output": "<> lf:value true .",

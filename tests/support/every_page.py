@@ -79,6 +79,13 @@ def pages_of_each_kind(browser: Browser) -> dict[str, str]:
         "vocabulary": str(root.one(LF.vocabulary)),
         "lease": str(robot.one(LF.lease)),
         "annotations": robot.url + "annotations",
+        "notes": browser.root + "notes",
+        "notes of a robot": robot.url + "notes",
+        "note": browser.http.post(browser.root + "notes", json={"about": robot.url, "text": "Mind the cable."}).headers[
+            "location"
+        ],
+        "poses": robot.url + "poses",
+        "pose": browser.http.post(robot.url + "poses", json={"title": "here"}).headers["location"],
         "recordings": robot.url + "recordings",
         "recording": eventually(lambda: _first(browser, robot.url + "recordings"), "a recording"),
         "camera": browser.root + "tiago/cameras/head",

@@ -40,6 +40,14 @@ class _Present:
     poses: LinkPoses | None = None
 
 
+@dataclass(frozen=True)
+class KeptPose:
+    """A pose that is kept as a resource of its own at ``path``: positions (rad or m) by joint."""
+
+    path: str
+    positions: Mapping[str, float]
+
+
 class Robot:
     """One robot, changed by ``Fleet`` only. Times in nanoseconds, values in SI units, NaN is unknown.
 
@@ -70,6 +78,8 @@ class Robot:
         """The links that checks of motions do not cover, once its shapes are prepared."""
         self.parts: Mapping[str, Any] = {}
         """Parts that extensions have added beside joints and links, by path segment (``resources/part.py``)."""
+        self.kept_poses: Mapping[str, KeptPose] = {}
+        """Poses that an extension keeps for it, by title."""
         self.findings: tuple[str, ...] = ()
         """Sentences about parts that could not be taken."""
         self.stopped_ns = -1
@@ -304,6 +314,10 @@ class Robot:
 
     def set_parts(self, parts: Mapping[str, Any], findings: Sequence[str]) -> None:
         self.parts, self.findings = parts, tuple(findings)
+        self.count_change()
+
+    def set_poses(self, poses: Mapping[str, KeptPose]) -> None:
+        self.kept_poses = poses
         self.count_change()
 
     def set_condition(self, condition: Condition) -> bool:

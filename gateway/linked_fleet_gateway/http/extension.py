@@ -27,7 +27,7 @@ from linked_fleet_gateway.base.settings import Section, SectionT, section
 from linked_fleet_gateway.fleet.functions import FleetFunctions
 from linked_fleet_gateway.fleet.invocation import Invocation
 from linked_fleet_gateway.fleet.model import Link, Pose
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.robot import KeptPose, Robot
 from linked_fleet_gateway.http.arrival import Scheme
 from linked_fleet_gateway.http.body import parse_form
 from linked_fleet_gateway.http.request import Request
@@ -267,6 +267,12 @@ class Core:
         ``findings`` are sentences about parts that could not be taken, which the robot then shows.
         """
         self.live.set_parts(robot, parts, findings)
+
+    def set_poses(self, robot: str, poses: Mapping[str, KeptPose]) -> None:
+        """Replace the poses that the extension keeps for a robot, by title: the robot names them, and its actions take
+        them.
+        """
+        self.live.set_poses(robot, poses)
 
     def mark_values_changed(self, robot: str, *paths: str) -> None:
         """Tell the subscribers of resources of a robot that values in them have changed, which no frame has."""

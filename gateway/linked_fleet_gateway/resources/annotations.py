@@ -38,19 +38,23 @@ def named_poses(robot: Robot) -> Mapping[str, Mapping[str, float]]:
     if robot.model is None:
         return {}
     agents, clients = map(read_poses, robot.annotations)
-    named = {**clients, **agents}  # poses of the agent take precedence
-    return {title: targets for title, targets in named.items() if _possible(robot, targets)}
+    kept = {title: each.positions for title, each in robot.kept_poses.items()}
+    named = {**clients, **kept, **agents}  # poses of the agent take precedence
+    return {title: targets for title, targets in named.items() if not pose_finding(robot, targets)}
 
 
-def _possible(robot: Robot, targets: Mapping[str, float]) -> bool:
+def pose_finding(robot: Robot, targets: Mapping[str, float]) -> str:
+    """Return a sentence why a robot cannot assume a pose; empty if its joints and limits allow it."""
     for name, position in targets.items():
         joint = robot.model.joints.get(name) if robot.model else None
-        if joint is None or not joint.commandable:
-            return False
+        if joint is None:
+            return f"{robot.name} has no joint {name}."
+        if not joint.commandable:
+            return f"The joint {name} takes no commands."
         low, high = joint.limits.lower, joint.limits.upper
         if (low is not None and position < low - _ROUNDING) or (high is not None and position > high + _ROUNDING):
-            return False
-    return True
+            return f"{name} would be at {position:.6g}, outside its limits {low} to {high} (SI units)."
+    return ""
 
 
 @lru_cache(maxsize=256)
@@ -257,11 +261,16 @@ def agent_statements(description: Sequence[Triple], robot: Robot, base: str, iri
 
 
 def _check_poses(text: str, robot: Robot, constraint: str) -> None:
-    """Refuse a pose whose title the robot's agent already uses."""
-    taken = sorted(read_poses(text).keys() & read_poses(robot.annotations[0]).keys())
-    if taken:
+    """Refuse a pose whose title the robot's agent, or a kept pose, already uses."""
+    named = read_poses(text).keys()
+    if taken := sorted(named & read_poses(robot.annotations[0]).keys()):
         raise UnprocessableContent(
             f"The robot itself names a pose {taken[0]!r}; give another one another title.", constraint=constraint
+        )
+    if taken := sorted(named & robot.kept_poses.keys()):
+        raise UnprocessableContent(
+            f"There is a pose {taken[0]!r} at {robot.kept_poses[taken[0]].path}; give another one another title.",
+            constraint=constraint,
         )
 
 

@@ -14,7 +14,7 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import UNITLESS, Graph, moment, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDFS, ROS, SOSA, XHV, XSD
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
-from linked_fleet_gateway.resources.annotations import annotate
+from linked_fleet_gateway.resources.annotations import annotate, pose_finding
 from linked_fleet_gateway.resources.invocation import describe_unchecked, unchecked_links
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.part import RobotPart, parts_of
@@ -160,6 +160,7 @@ class Describer:
         self._annotations(graph, iri, robot)
         if robot.model is None or robot.description is None:
             return
+        self._kept_poses(graph, iri, robot)
         describe_unchecked(graph, iri, self.base, unchecked_links(robot))
         self._model_name(graph, iri, robot)
         graph.add(iri, LF.finding, *map(Literal, (*_all_findings(robot.model), *robot.findings)))
@@ -276,6 +277,14 @@ class Describer:
     def _presence_if_not_online(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
         if robot.presence != "online":
             self.presence(graph, iri, robot)
+
+    def _kept_poses(self, graph: Graph, iri: NamedNode, robot: Robot) -> None:
+        for title, pose in robot.kept_poses.items():
+            node = self.iri(pose.path)
+            graph.add(iri, LF.namedPose, node)
+            graph.add(node, DCTERMS.title, Literal(title))
+            if finding := pose_finding(robot, pose.positions):
+                graph.add(node, LF.finding, Literal(finding))
 
     def _last_frame(self, graph: Graph, iri: NamedNode, seen: Measurement) -> None:
         graph.add(iri, LF.lastFrame, moment(seen.wall_ns))

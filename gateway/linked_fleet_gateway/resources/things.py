@@ -125,7 +125,7 @@ class Things:
 
     def _changing(self, robot: Robot, path: str) -> tuple[object, ...]:
         """Return what its description contains beside its properties."""
-        return self._tasks(robot), self._branches.robot_links(robot, path), robot.unchecked
+        return self._tasks(robot), self._branches.robot_links(robot, path), robot.unchecked, robot.kept_poses
 
     def _tasks(self, robot: Robot) -> list[str]:
         """Return the paths of the robot's running invocations (D4)."""
@@ -276,7 +276,9 @@ def _samplers(properties: Sequence[Property]) -> tuple[Sampler, ...]:
 
 def description_source(robot: Robot | None) -> Source:
     """Return the source of a resource that depends on the description of a robot only; None for no robot."""
-    return Source() if robot is None else Source(lambda: (robot.description, robot.annotations), robot=robot)
+    if robot is None:
+        return Source()
+    return Source(lambda: (robot.description, robot.annotations, robot.kept_poses), robot=robot)
 
 
 def _own(path: str, properties: Sequence[Property], actions: tuple[str, ...] = ()) -> tuple[str, ...]:

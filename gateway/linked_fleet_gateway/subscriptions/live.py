@@ -15,7 +15,7 @@ from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed
 from linked_fleet_gateway.fleet.fleet import Change, Fleet
 from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
 from linked_fleet_gateway.fleet.presence import Run, SilentRuns
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.robot import KeptPose, Robot
 from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.link.fleet_link import FleetLink
 from linked_fleet_gateway.link.transport import Session
@@ -231,6 +231,13 @@ class Live:
         """
         if (known := self.fleet.robots.get(robot)) is not None:
             known.set_parts(parts, findings)
+            self.fan_out.mark_robot_changed(robot)
+
+    def set_poses(self, robot: str, poses: Mapping[str, KeptPose]) -> None:
+        """Replace the poses that are kept for a robot, by title; does nothing if these are its poses already."""
+        known = self.fleet.robots.get(robot)
+        if known is not None and known.kept_poses != poses:
+            known.set_poses(poses)
             self.fan_out.mark_robot_changed(robot)
 
     def hear_next_frame(self, robot: str) -> None:

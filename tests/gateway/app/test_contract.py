@@ -26,7 +26,7 @@ from linked_fleet_gateway.extensions.openapi import api as openapi
 from linked_fleet_gateway.extensions.pages import api as pages
 
 ROOT = Path(__file__).parents[3]
-DOORS = {api: 91, faces: 69, serving: 46}
+DOORS = {api: 92, faces: 70, serving: 46}
 """The modules of the core that extensions import, and the most names of each: a stranger reads all of them."""
 MODULES = (*DOORS, pages, openapi)
 FOLDER = Path(linked_fleet_gateway.extensions.__path__[0])

@@ -84,8 +84,21 @@ def fault(facts: Facts, iri: NamedNode) -> Part:
     nodes = [each for each in facts.all(iri, LF.valuesThen) if isinstance(each, BlankNode)]
     values = [(facts.text(each, DCTERMS.title), facts.text(each, VOM.numericalValue)) for each in nodes]
     around = timeline_link(facts, facts.text(iri, LF.since), facts.text(iri, LF.clearedAt))
-    more = {"fault": _row(facts, iri), "values": values, "actions": actions, "timeline": around}
+    more = {
+        "fault": _row(facts, iri),
+        "values": values,
+        "actions": actions,
+        "timeline": around,
+        "notes": _notes(facts, iri),
+    }
     return Part(more, {LF.valuesThen, LF.severity, LF.state, HYBRIT.action}, {*nodes})
+
+
+def _notes(facts: Facts, iri: NamedNode) -> str:
+    """Return the address of the notes of the robot that a fault is about; empty if it is about none."""
+    path = facts.iri_of(iri, LF.about).removeprefix(facts.root)
+    robot, slash, _ = path.partition("/")
+    return f"{facts.root}{robot}/notes" if slash else ""
 
 
 VIEWS = (

@@ -1,7 +1,7 @@
 """Commands on the page of a robot: sliders, named poses, reach, the control lease, camera pictures."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 from pyoxigraph import BlankNode, NamedNode
@@ -16,10 +16,14 @@ _UNITS_OF_POSITION = frozenset({"rad", "m"})
 
 @dataclass(frozen=True)
 class Pose:
-    """A named pose. ``targets`` is JSON for `scripts/src/poses.js`: positions in rad or m by the IRI of the joint."""
+    """A named pose, for `scripts/src/poses.js`.
+
+    ``targets`` is JSON: positions in rad or m by the IRI of the joint; empty if ``iri`` is a resource that has them.
+    """
 
     name: str
     targets: str
+    iri: str = ""
 
 
 @dataclass(frozen=True)
@@ -31,6 +35,8 @@ class Panel:
     lease: str
     cameras: str
     history: str
+    teach: str
+    notes: str
     poses: Sequence[Pose]
 
 
@@ -42,7 +48,9 @@ def panel(facts: Facts, iri: NamedNode) -> Panel:
         lease=facts.iri_of(iri, LF.lease),
         cameras=facts.iri_of(iri, LF.cameras),
         history=facts.iri_of(iri, LF.history),
-        poses=[Pose(facts.text(each, DCTERMS.title), json.dumps(_targets(facts, each))) for each in _poses(facts, iri)],
+        teach=facts.iri_of(iri, LF.savedPoses),
+        notes=facts.iri_of(iri, LF.notesOfRobot),
+        poses=list(_poses(facts, iri)),
     )
 
 
@@ -51,8 +59,13 @@ def other_actions(actions: Sequence[Link], own: Panel) -> list[Link]:
     return [each for each in actions if each.iri not in (own.move, own.reach)]
 
 
-def _poses(facts: Facts, iri: NamedNode) -> list[BlankNode]:
-    return [each for each in facts.all(iri, LF.namedPose) if isinstance(each, BlankNode)]
+def _poses(facts: Facts, iri: NamedNode) -> Iterator[Pose]:
+    """Yield the poses that actions of the robot take."""
+    for each in facts.all(iri, LF.namedPose):
+        if isinstance(each, BlankNode):
+            yield Pose(facts.text(each, DCTERMS.title), json.dumps(_targets(facts, each)))
+        elif isinstance(each, NamedNode) and facts.one(each, LF.finding) is None:
+            yield Pose(facts.text(each, DCTERMS.title), "", each.value)
 
 
 def _targets(facts: Facts, pose: BlankNode) -> Mapping[str, float]:

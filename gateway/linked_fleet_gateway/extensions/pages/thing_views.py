@@ -171,8 +171,12 @@ class UncheckedLink:
 
 @dataclass(frozen=True)
 class NamedPose:
+    """A named pose. ``link``: to the resource that has its targets, if any; ``finding``: why it is not taken."""
+
     name: str
     targets: Sequence[tuple[Link, Number]]
+    link: Link | None = None
+    finding: str = ""
 
 
 def robot(facts: Facts, iri: NamedNode) -> Part:
@@ -212,7 +216,8 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         RDFS.comment,
     }
     properties = {each for each in facts.all(iri, HYBRIT.property) if isinstance(each, NamedNode)}
-    return Part(more, shown | _leading(facts, iri), {*joints, *links, *others, *properties})
+    kept = {each for each in facts.all(iri, LF.namedPose) if isinstance(each, NamedNode)}
+    return Part(more, shown | _leading(facts, iri), {*joints, *links, *others, *properties, *kept})
 
 
 def unchecked_links(facts: Facts, iri: NamedNode) -> list[UncheckedLink]:
@@ -263,6 +268,9 @@ def _sampled(facts: Facts, sample: Term, at: Address, predicate: NamedNode, unit
 
 
 def _pose(facts: Facts, node: Term) -> NamedPose:
+    if isinstance(node, NamedNode):
+        link = facts.link(node)
+        return NamedPose(link.text, (), link, facts.text(node, LF.finding))
     targets = [
         (facts.link(joint), facts.scalar(each, None))
         for each in facts.all(node, LF.target)

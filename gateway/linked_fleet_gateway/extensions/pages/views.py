@@ -18,7 +18,9 @@ from linked_fleet_gateway.faces import NavigationEntry
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_rdf.turtle import Subject
 
-LF = CORE.extended("Audit Directory Invitations Model People cameras history model placement world")
+LF = CORE.extended(
+    "Audit Directory Invitations Model People cameras history model notesOfRobot placement savedPoses world"
+)
 
 
 @dataclass(frozen=True)

@@ -87,7 +87,7 @@ def _tell(held: MirroredRobot, said: RobotFacts) -> None:
         robot.describe(said.description)
     if said.copier != held.copier_name or robot.description is not described:
         _make_parts(held, said.copier)
-    robot.findings = said.findings
+    robot.findings, robot.kept_poses = said.findings, said.kept_poses
     robot.online, robot.heard_ns, robot.lease = said.online, said.last_seen_ns, said.lease
     robot.limit_fault, robot.unchecked = said.limit_fault, said.unchecked
     robot.agent_fault, robot.sensor_faults = said.agent_fault, said.sensor_faults

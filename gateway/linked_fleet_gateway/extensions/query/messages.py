@@ -18,6 +18,7 @@ from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
 from linked_fleet_gateway.fleet.carried import CarriedPose
 from linked_fleet_gateway.fleet.invocation import Invocation, Lease
 from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_gateway.fleet.robot import KeptPose
 from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 
 log = logging.getLogger(__name__)
@@ -48,6 +49,7 @@ class RobotFacts(Struct, frozen=True, kw_only=True):
     copier: str = ""
     """The class (``module:name``) that copies parts beside joints and links; empty if there are none."""
     findings: tuple[str, ...] = ()
+    kept_poses: dict[str, KeptPose] = {}
 
 
 Measured = tuple[float, float, float]

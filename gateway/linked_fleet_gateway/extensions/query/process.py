@@ -128,6 +128,7 @@ def _said(robot: Robot, invocations: list[Invocation], branches: list[Member]) -
         invocations=invocations,
         copier="" if (copier := _copier(robot)) is None else name_of(copier),
         findings=robot.findings,
+        kept_poses=dict(robot.kept_poses),
     )
 
 

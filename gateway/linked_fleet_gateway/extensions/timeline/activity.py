@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from linked_fleet_gateway.extensions.timeline.window import Window
 
-Kind = Literal["action", "mission", "fault", "order", "schedule"]
+Kind = Literal["action", "mission", "fault", "order", "schedule", "note"]
 MOST = 2000
 """Most activities of one timeline."""
 

@@ -11,6 +11,7 @@ from linked_fleet_gateway.api import RequestView, time_sliced
 from linked_fleet_gateway.extensions.faults.extension import KnownFaults
 from linked_fleet_gateway.extensions.missions.extension import RunsOfMissions
 from linked_fleet_gateway.extensions.missions.record import Run
+from linked_fleet_gateway.extensions.notes.extension import KnownNotes
 from linked_fleet_gateway.extensions.queue.planned import PlannedWork, starts_between
 from linked_fleet_gateway.extensions.queue.schedule import Schedule
 from linked_fleet_gateway.extensions.timeline import sources
@@ -40,6 +41,7 @@ class Collector:
     runs: RunsOfMissions | None = None
     faults: KnownFaults | None = None
     work: PlannedWork | None = None
+    notes: KnownNotes | None = None
     computing: asyncio.Semaphore = field(default_factory=lambda: asyncio.Semaphore(1))
     """Held while starts are computed: one thread at a time does so."""
 
@@ -64,7 +66,7 @@ class Collector:
             async for invocation in time_sliced(view.invocations.of_robot(robot)):
                 if invocation.id not in runs and not sources.ended_before(invocation, window.from_ns):
                     yield sources.of_invocation(view, invocation)
-        async for each in time_sliced(chain(self._faults(view), self._orders(view))):
+        async for each in time_sliced(chain(self._faults(view), self._notes(view), self._orders(view))):
             if each is not None:
                 yield each
 
@@ -80,6 +82,10 @@ class Collector:
     def _faults(self, view: RequestView) -> Iterator[Activity]:
         known = [] if self.faults is None else self.faults.seen_by(view.visible_robots)
         return (sources.of_fault(id, fault) for id, fault in known)
+
+    def _notes(self, view: RequestView) -> Iterator[Activity]:
+        known = [] if self.notes is None else self.notes.seen_by(view.visible_robots)
+        return (sources.of_note(id, note) for id, note in known)
 
     def _orders(self, view: RequestView) -> Iterator[Activity | None]:
         """Yield the orders that wait, and those that were over before a run of a mission began; None for others."""

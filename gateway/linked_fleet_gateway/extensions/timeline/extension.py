@@ -8,6 +8,7 @@ from typing import Any
 from linked_fleet_gateway.api import Core, Extension, Mount, NavigationEntry, RequestView
 from linked_fleet_gateway.extensions.faults.extension import KnownFaults
 from linked_fleet_gateway.extensions.missions.extension import RunsOfMissions
+from linked_fleet_gateway.extensions.notes.extension import KnownNotes
 from linked_fleet_gateway.extensions.queue.planned import PlannedWork
 from linked_fleet_gateway.extensions.timeline.collecting import Collector
 from linked_fleet_gateway.extensions.timeline.describing import PATH
@@ -22,7 +23,7 @@ class TimelineExtension(Extension):
 
     name = "timeline"
     at_root = (PATH[1:],)
-    uses = ("missions", "faults", "queue")
+    uses = ("missions", "faults", "queue", "notes")
     vocabulary = (HERE / "vocabulary.ttl",)
     shapes = (HERE / "shapes.ttl",)
     navigation = (NavigationEntry("Timeline", PATH, 35),)
@@ -38,7 +39,9 @@ class TimelineExtension(Extension):
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         optional = core.optional_service
-        collector = Collector(optional(RunsOfMissions), optional(KnownFaults), optional(PlannedWork))
+        collector = Collector(
+            optional(RunsOfMissions), optional(KnownFaults), optional(PlannedWork), optional(KnownNotes)
+        )
         yield Mount(
             branches=(timeline_branch(collector),),
             readers={Timeline: read_timeline},

@@ -30,7 +30,7 @@ MOST_REPLAYED = 4
 MOST_ROWS = 4
 """What more robots than these take part in has a bar in the row of the fleet alone."""
 _LOOKS = {
-    "good": ("succeeded", "cleared"),
+    "good": ("succeeded", "cleared", "noted"),
     "busy": ("accepted", "running", "starting", "ending"),
     "plan": ("planned", "waiting"),
     "warn": ("cancelled", "preempted", "paused", "blocked", "missed", "acknowledged"),

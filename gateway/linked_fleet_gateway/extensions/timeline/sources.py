@@ -5,6 +5,7 @@ import re
 from linked_fleet_gateway.api import Invocation, RequestView, UnprocessableContent, robot_of
 from linked_fleet_gateway.extensions.faults.fault import Fault
 from linked_fleet_gateway.extensions.missions.record import Run
+from linked_fleet_gateway.extensions.notes.note import Note
 from linked_fleet_gateway.extensions.queue.order import Order
 from linked_fleet_gateway.extensions.queue.reading import deadline_ns
 from linked_fleet_gateway.extensions.queue.schedule import Schedule
@@ -76,6 +77,17 @@ def of_fault(id: str, fault: Fault) -> Activity:
     return Activity(
         id, "fault", f"/faults/{id}", trouble.says or trouble.kind, fault.state, fault.since_ns, end_ns,
         robots=trouble.robots,
+    )  # fmt: skip
+
+
+# -- notes ------------------------------------------------------------------------------------------------------------
+
+
+def of_note(id: str, note: Note) -> Activity:
+    """Return the activity of a note: the moment at which somebody has written it."""
+    at_ns = note.written_ns
+    return Activity(
+        id, "note", f"/notes/{id}", note.title, "noted", at_ns, at_ns, who=note.by, robots=note.robots
     )  # fmt: skip
 
 

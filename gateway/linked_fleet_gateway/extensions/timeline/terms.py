@@ -6,7 +6,7 @@ from linked_fleet_gateway.api import NamedNode
 LF = CORE.extended(
     "Timeline TimelineShape TimelineActivity TimelineActivityShape timeline windowStart windowEnd asOf activity"
     " activityKind activityOf leftOut completeFrom completeUntil shownRobot robotsLeftOut plannedStart latestStart"
-    " planned starting missed paused blocked ending faultRaised faultConfirmed faultAcknowledged faultCleared"
+    " planned noted starting missed paused blocked ending faultRaised faultConfirmed faultAcknowledged faultCleared"
 )
 _OF_FAULTS = {
     "raised": LF.faultRaised, "confirmed": LF.faultConfirmed, "acknowledged": LF.faultAcknowledged,

@@ -2,13 +2,15 @@
 
 import re
 from collections.abc import Iterator
+from functools import partial
 
 import pytest
 from playwright.sync_api import Browser as Chromium
 from playwright.sync_api import expect
+from rdflib import URIRef
 
 from accessibility import violations_in_both_schemes
-from browser import Browser
+from browser import LF, Browser
 from page_user import PageUser, using_page
 from running import eventually
 from small_fleet import Place, live
@@ -143,3 +145,34 @@ def test_the_table_works_without_scripts(client: Browser, chromium: Chromium) ->
         page.get_by_role("link", name="Link", exact=True).click()
         expect(page).to_have_url(client.root + "?view=table&sort=link&text=panda")
         expect(page.locator("table.fleet tbody tr")).to_have_count(1)
+
+
+def test_the_chosen_robots_get_a_mission(client: Browser, user: PageUser) -> None:
+    """One result for each robot, which leads to its order or its run."""
+    page = user.page
+    stop = {"type": "invoke", "kind": str(LF.StopRobot), "of": {"variable": "robot"}}
+    for title, parameters, step in (
+        ("Halt", [{"name": "robot", "type": "iri"}], stop),
+        ("Nothing", [], {"type": "wait", "seconds": 0}),
+    ):
+        said = {"title": title, "parameters": parameters, "step": step}
+        made = client.http.post(client.root + "missions", json=said)
+        assert made.status_code == 201, made.text
+
+    def are_over(count: int) -> bool:
+        """Return True if so many runs have given back the control of their robots."""
+        runs = client.page(client.root + "mission-runs").graph
+        return len([each for each in set(runs.subjects(LF.state, LF.succeeded)) if isinstance(each, URIRef)]) == count
+
+    page.goto(client.root + "?view=table")
+    page.get_by_label("Choose all robots").check()
+    for number, (when, container) in enumerate((("queue", "queue"), ("now", "missions")), 1):
+        page.get_by_role("button", name="Give a mission").click()
+        dialog = page.get_by_role("dialog", name="Which mission do 2 robots get?")
+        expect(dialog.get_by_label("Mission").locator("option")).to_have_text(["Halt"])
+        dialog.get_by_label("Begin").select_option(when)
+        dialog.get_by_role("button", name="Give the mission").click()
+        expect(page.locator("#group-results li")).to_have_text(["panda: done", "ur5: done"])
+        links = [each.get_attribute("href") or "" for each in page.locator("#group-results a").all()]
+        assert len(links) == 2 and all(each.startswith(f"{client.root}{container}/") for each in links)
+        eventually(partial(are_over, 2 * number), "the runs are over")

@@ -8,7 +8,7 @@ from linked_fleet_agent.wire.messages import Base
 from linked_fleet_gateway.extensions.query.rdf_mirror import RdfMirror
 from linked_fleet_gateway.fleet.invocation import Lease
 from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.fleet.robot import KeptPose, Robot
 from linked_fleet_gateway.rdf.vocabulary import LF
 from mirrored_fleet import MirroredFleet
 from mirrored_graphs import BASE, canonical, held, served
@@ -46,7 +46,7 @@ def test_the_mirror_equals_the_served_descriptions(mirrored: MirroredFleet) -> N
     mirrored.invocations.add(invocation("i-2", "a", preempts=("i-1",), created_ns=2 * 10**9))
     robot = mirrored.fleet.robots["a"]
     robot.targets = {"elbow": 0.25}
-    robot.count_change()
+    robot.set_poses({"up": KeptPose("/a/poses/1", {"elbow": 0.1}), "far": KeptPose("/a/poses/2", {"nose": 0.1})})
     mirrored.fleet.control("a", Lease("l", "a", "ann", 1, 2 * 10**9, 5.0))
     mirrored.fleet.configure("b", {"title": "Other", "maximumSpeedScale": "0.5"})
     same("a", "b")

@@ -4,10 +4,10 @@
  * Ask, and return the reader's answer: undefined if it is no, else the text of the field, empty without one.
  *
  * @param {string} question
- * @param {{yes: string, no?: string, field?: string, danger?: boolean, most?: number}} options `field`: what the reader has to write
+ * @param {{yes: string, no?: string, field?: string, danger?: boolean, most?: number, more?: HTMLElement[]}} options `field`: what the reader has to write; `more`: further fields, which the caller reads
  * @returns {Promise<string | undefined>}
  */
-export function confirmed(question, { yes, no = "Cancel", field, danger = false, most = 200 }) {
+export function confirmed(question, { yes, no = "Cancel", field, danger = false, most = 200, more = [] }) {
   const back = document.activeElement;
   const dialog = document.createElement("dialog");
   const said = Object.assign(document.createElement("p"), { id: "question", textContent: question });
@@ -19,6 +19,7 @@ export function confirmed(question, { yes, no = "Cancel", field, danger = false,
     place.append(label, input);
     form.append(place);
   }
+  form.append(...more);
   const buttons = Object.assign(document.createElement("p"), { className: "buttons" });
   const refusal = Object.assign(document.createElement("button"), { value: "no", textContent: no, className: "quiet", formNoValidate: true });
   const consent = Object.assign(document.createElement("button"), { value: "yes", textContent: yes, className: danger ? "danger" : "" });

@@ -82,6 +82,11 @@ const ACTIONS = {
   },
 };
 
+/** Add what extensions do with the chosen robots, by the name of its button. It returns the request for one robot. */
+export function offer(/** @type {string} */ name, /** @type {(robots: number) => Promise<((robot: string) => Promise<import("./request.js").Answer>) | undefined>} */ ask) {
+  ACTIONS[name] = ask;
+}
+
 function patchTags(robot, way, tag) {
   const body = `${way} DATA { <${robot}tags> <${lf("tag")}> ${JSON.stringify(tag)} }`;
   return send("PATCH", `${robot}tags`, { body, headers: SPARQL });
@@ -102,9 +107,10 @@ async function act(name) {
   const waiting = [...meant];
   const work = async () => {
     for (let robot = waiting.shift(); robot; robot = waiting.shift()) {
-      const { problem } = await request(robot);
+      const { problem, location } = await request(robot);
       const element = lines.get(robot);
-      element.textContent = `${names.get(robot)}: ${problem ? `${problem.title}. ${problem.detail}` : "done"}`;
+      element.textContent = `${names.get(robot)}: ${problem ? `${problem.title}. ${problem.detail}` : location ? "" : "done"}`;
+      if (location && !problem) element.append(Object.assign(document.createElement("a"), { href: location, textContent: "done" }));
       element.dataset.state = problem ? "error" : "done";
     }
   };

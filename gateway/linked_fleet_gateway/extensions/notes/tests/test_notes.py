@@ -1,0 +1,114 @@
+"""Notes are kept with who has written them and when, are shared by gateways, and hidden as their robots are."""
+
+import contextlib
+from collections.abc import Iterator
+
+import httpx
+import pytest
+from rdflib import Literal, URIRef
+
+from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
+from browser import DCTERMS, LDP, LF, Browser
+from gateway_group import Gateway, gateways, hub
+from redis_servers import Servers, single
+from running import eventually, process
+from small_fleet import live
+
+pytestmark = pytest.mark.virtual
+JSON = {"accept": "application/json"}
+
+
+def write(browser: Browser, about: str, text: str = "Mind the cable.") -> httpx.Response:
+    return browser.http.post(browser.root + "notes", json={"about": browser.root + about, "text": text})
+
+
+def listed(browser: Browser, path: str) -> set[str]:
+    page = browser.page(browser.root + path)
+    return {str(each) for each in page.graph.objects(page.iri, LDP.contains)}
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AuthenticatedGateway]:
+    with run_authenticated(tmp_path_factory.mktemp("guarded")) as one:
+        one.add("admin", *ALL)
+        for name in ("ann", "bob"):
+            one.add(name, "read", "act")
+        one.add("lab", "read", "act", robots=("lab-*",))
+        one.add("reader", "read")
+        one.known("reader")
+        yield one
+
+
+def test_a_note_has_an_author_and_a_time(here: AuthenticatedGateway) -> None:
+    with here.browsing("ann") as ann, here.browsing("bob") as bob, here.browsing("admin") as admin:
+        url = write(ann, f"{SEEN}/", "It squeaks.\nI have greased it.").headers["location"]
+        page = bob.page(url)
+        assert (page.iri, LF.writtenBy, Literal("ann")) in page.graph
+        assert (page.iri, DCTERMS.title, Literal("It squeaks.")) in page.graph
+        assert page.one(DCTERMS.created)
+        assert url in listed(bob, f"{SEEN}/notes") and url in listed(bob, "notes")
+        assert bob.http.delete(url).status_code == 403
+        assert bob.http.put(url, json={"about": f"{bob.root}{SEEN}/", "text": "It is fine."}).status_code == 403
+        changed = ann.http.put(url, json={"about": f"{ann.root}{SEEN}/", "text": "It squeaked."})
+        assert changed.status_code == 204, changed.text
+        html = bob.http.get(f"{bob.root}{SEEN}/notes", headers={"accept": "text/html"}).text
+        assert "It squeaked." in html and "ann" in html
+        assert admin.http.delete(url).status_code == 204
+
+
+def test_notes_take_the_right_to_act_and_something_that_is_there(here: AuthenticatedGateway) -> None:
+    with here.browsing("reader") as reader, here.browsing("ann") as ann, here.browsing("lab") as lab:
+        assert write(reader, f"{SEEN}/").status_code == 403
+        for nothing in ("nobody/", "faults/1", "", f"{SEEN}/nose"):
+            answer = write(ann, nothing)
+            assert answer.status_code == 422 and "There is no robot, part of one or fault" in answer.text, nothing
+        for text in ("", " ", "\x07"):
+            assert write(ann, f"{SEEN}/", text).status_code == 422
+        foreign = ann.http.post(ann.root + "notes", json={"about": f"http://elsewhere.example/{SEEN}/", "text": "x"})
+        assert foreign.status_code == 422
+        assert write(lab, f"{HIDDEN}/").status_code == 422
+        url = write(ann, f"{HIDDEN}/").headers["location"]
+        assert lab.http.get(url).status_code == 404 and url not in listed(lab, "notes")
+        assert ann.http.delete(url).status_code == 204
+
+
+def test_notes_about_a_part_are_in_the_timeline(here: AuthenticatedGateway) -> None:
+    with here.browsing("ann") as ann:
+        url = write(ann, f"{SEEN}/elbow_joint", "It is warm.").headers["location"]
+        said = ann.http.get(f"{ann.root}timeline?robot={SEEN}", headers=JSON).json()
+        (note,) = (each for each in said["activities"] if each["kind"] == "note")
+        assert (note["title"], note["state"], note["who"]) == ("It is warm.", "noted", "ann")
+        turtle = ann.http.get(f"{ann.root}timeline", headers={"accept": "text/turtle"})
+        assert turtle.status_code == 200 and "It is warm." in turtle.text
+        assert ann.http.delete(url).status_code == 204
+
+
+def test_a_fault_has_notes(here: AuthenticatedGateway) -> None:
+    with here.browsing("ann") as ann:
+        said = {"about": f"{ann.root}{SEEN}/", "title": "It rattles."}
+        assert ann.http.post(ann.root + "actions/raiseFault", json=said, headers={"prefer": "wait=10"}).is_success
+        (fault,) = eventually(lambda: listed(ann, "faults"), "the fault")
+        url = write(ann, fault.removeprefix(ann.root)).headers["location"]
+        page = ann.page(f"{ann.root}{SEEN}/notes")
+        assert (URIRef(url), LF.noteAbout, URIRef(fault)) in page.graph
+
+
+@pytest.fixture
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Servers, Gateway, Gateway]]:
+    with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre, contextlib.ExitStack() as stack:
+        stack.enter_context(process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", centre.endpoint))
+        one, other = stack.enter_context(gateways(centre, memory.url))
+        for each in (one, other):
+            live(each.browser, "ur5")
+        yield memory, one, other
+
+
+def test_gateways_share_notes_and_refuse_them_while_redis_is_away(two: tuple[Servers, Gateway, Gateway]) -> None:
+    memory, one, other = two
+    path = write(one.browser, "ur5/").headers["location"].removeprefix(one.browser.root)
+    eventually(lambda: other.get(other.browser.root + path).status_code == 200, "the note at the other gateway")
+    memory.kill()
+    answer = write(one.browser, "ur5/")
+    tags = one.browser.http.put(one.browser.root + "ur5/tags", json={"tags": ["x"]})
+    assert answer.status_code == 503 and answer.json()["detail"] == tags.json()["detail"]
+    assert one.get(one.browser.root + path).status_code == 200
