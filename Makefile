@@ -251,7 +251,7 @@ pictures: .venv/stamp $(ASSETS) chromium
 # Bundles the scripts and styles of the pages with three.js and other npm packages ($(SCRIPTS)/package-lock.json).
 assets: $(ASSETS)
 
-$(ASSETS): $(SCRIPTS)/package.json $(SCRIPTS)/package-lock.json $(SCRIPTS)/build $(SCRIPTS)/build.mjs $(wildcard $(SCRIPTS)/src/* $(SCRIPTS)/../../*/scripts/*.js $(SCRIPTS)/../../*/scripts/*.css) | .venv/demo-stamp
+$(ASSETS): $(SCRIPTS)/package.json $(SCRIPTS)/package-lock.json $(SCRIPTS)/build $(SCRIPTS)/build.mjs $(wildcard $(SCRIPTS)/src/* $(SCRIPTS)/../../*/scripts/*.js $(SCRIPTS)/../../*/scripts/*.css $(SCRIPTS)/../../*/languages/*.json $(SCRIPTS)/../../*/vocabulary.ttl shapes/linked_fleet_shapes/vocabulary.ttl) | .venv/demo-stamp
 	@echo "Bundling the scripts of the pages. The first time fetches their packages."
 	@$(SCRIPTS)/build $(BIN)/python
 

@@ -13,7 +13,7 @@ from linked_fleet_gateway.rdf.forms import FormTemplates
 from linked_fleet_gateway.rdf.graph import Graph, integer
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, SH, XSD
-from linked_fleet_gateway.resources.html import HTML, HtmlWriter, Reader
+from linked_fleet_gateway.resources.html import HTML, NOBODY, HtmlWriter, Reader
 from linked_fleet_server.exchange import Reply
 from linked_fleet_server.message_heads import field_block
 
@@ -46,6 +46,8 @@ def problem(
     if html is not None and content_type.startswith(HTML):
         headers |= {
             "content-security-policy": html.content_security_policy(forms=False),
+            "content-language": html.language(reader() if reader else NOBODY),
+            "vary": "Accept, Accept-Language, Cookie",
             "x-content-type-options": "nosniff",
         }
     return body, headers | own

@@ -190,6 +190,8 @@ def _fields(
     if media_type not in resource.documents and preferred_part(request, resource) is not None:
         headers["preference-applied"] = "return=representation"
     if media_type == HTML and representations.html is not None:
+        headers["vary"] += ", Accept-Language, Cookie"
+        headers["content-language"] = representations.html.language(context().reader)
         headers["content-security-policy"] = representations.html.content_security_policy(
             bool(resource.has_form or context().reader.name)
         )

@@ -35,6 +35,8 @@ from linked_fleet_server.exchange import Reply
 
 _NOTHING_DONE = (401, 404, 405)
 _LONGEST = 500  # characters of a reported path, and of a reason
+LANGUAGE_COOKIE = "language"
+"""The cookie with the language that a person has chosen for pages."""
 _BY_PAGES = ("subscribe", "unsubscribe")
 
 
@@ -175,7 +177,13 @@ class _Resolved(HTTPConnection):
         caller, rights = self.caller, None
         if self.services.identities is not None:
             rights = tuple(each.value for each in Right if caller.has_right(each, robot_of(path)))
-        return Reader(caller.name if self.shown_on_pages else "", rights, self.restricted_paths)
+        return Reader(caller.name if self.shown_on_pages else "", rights, self.restricted_paths, self.languages)
+
+    @property
+    def languages(self) -> str:
+        """The languages of pages that the client prefers, as in Accept-Language; that of a cookie is the first."""
+        chosen, accepted = self.cookies.get(LANGUAGE_COOKIE, ""), field_of(self, "accept-language") or ""
+        return f"{chosen},{accepted}" if chosen else accepted
 
     @property
     def restricted_paths(self) -> tuple[str, ...]:

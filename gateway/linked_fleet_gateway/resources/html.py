@@ -19,12 +19,14 @@ class NavigationEntry:
     """A link on all pages, ordered by ``rank``; the fleet has 0.
 
     ``restricted``: only readers who have one of the rights in ``FleetBranch.reading`` of its branch get the link.
+    ``for_developers``: it stands with the formats at the foot of pages.
     """
 
     title: str
     path: str
     rank: int = 50
     restricted: bool = False
+    for_developers: bool = False
 
 
 @dataclass(frozen=True)
@@ -33,12 +35,13 @@ class Reader:
 
     ``name``: that of the person who has logged in, else empty. ``rights``: over the resource of the page, None if
     authentication is off. ``restricted_paths``: those of restricted branches (``FleetBranch.reading``) that the reader
-    may read.
+    may read. ``languages``: those that the reader prefers, as in Accept-Language; a chosen one is the first.
     """
 
     name: str = ""
     rights: tuple[str, ...] | None = None
     restricted_paths: tuple[str, ...] = ()
+    languages: str = ""
 
 
 NOBODY = Reader()
@@ -80,6 +83,9 @@ class HtmlWriter(Protocol):
 
         ``reader`` is None as long as nobody knows who asks.
         """
+
+    def language(self, reader: Reader) -> str:
+        """Return the tag of the language in which ``reader`` gets pages."""
 
     def content_security_policy(self, forms: bool) -> str:
         """Return the Content-Security-Policy of a page; ``forms`` permits submitting forms without a script."""

@@ -8,7 +8,17 @@ from urllib.parse import parse_qsl
 from linked_fleet_gateway.api import DCTERMS, LDP, RDFS, Literal, NamedNode
 from linked_fleet_gateway.extensions.audit.describing import LF, PATH
 from linked_fleet_gateway.extensions.pages import texts
-from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
+from linked_fleet_gateway.extensions.pages.api import (
+    Facts,
+    Link,
+    PageView,
+    Part,
+    Value,
+    message,
+    say,
+    timeline_link,
+    translated,
+)
 from linked_fleet_gateway.rdf.vocabulary import PROV, XHV
 
 OUTCOMES = (("", "any"), ("succeeded", "done"), ("refused", "refused"), ("failed", "failed"), ("ended", "ended"))
@@ -94,43 +104,55 @@ def _link(path: str, href: str) -> Link:
 
 
 _DONE = {
-    "PUT": "set",
-    "POST": "add to",
-    "PATCH": "change",
-    "DELETE": "delete",
-    "subscribe": "subscribe to",
-    "unsubscribe": "end a subscription to",
-    "INVITATION": "open",
-    "stream": "open a stream to",
-    "end stream": "end a stream to",
+    "PUT": message("set {thing}"),
+    "POST": message("add to {thing}"),
+    "PATCH": message("change {thing}"),
+    "DELETE": message("delete {thing}"),
+    "subscribe": message("subscribe to {thing}"),
+    "unsubscribe": message("end a subscription to {thing}"),
+    "INVITATION": message("open {thing}"),
+    "stream": message("open a stream to {thing}"),
+    "end stream": message("end a stream to {thing}"),
 }
 
-_BY_EXTENSIONS = {"MISSION": "take a step of a mission", "ORDER": "start an order of the queue"}
+_BY_EXTENSIONS = {"MISSION": message("take a step of a mission"), "ORDER": message("start an order of the queue")}
 
 
 def described(what: str, path: str) -> str:
     """Describe an audited request in words; ``what`` is its method, or the event of a stream."""
     found = texts.segments(path, "/")
     if what in _BY_EXTENSIONS:
-        return _BY_EXTENSIONS[what]
+        return translated(_BY_EXTENSIONS[what])
     if what == "RULE":
-        return f"by a rule: {texts.task(path, '/')}"
+        return say("by a rule: {action}", action=texts.task(path, "/"))
     if "actions" in found[:-1] and what in ("PUT", "POST"):
         return texts.task(path, "/")
     if what == "DELETE" and "invocations" in found[:-1]:
-        return f"stop {texts.task(path, '/')}"
+        return say("stop {action}", action=texts.task(path, "/"))
     if what == "POST" and found[-1:] == ["subscriptions"]:
-        return f"subscribe to {texts.thing('/'.join(found[:-1]), '/')}"
-    return f"{_DONE.get(what, texts.term_in_words(what))} {texts.thing(path, '/')}"
+        return say("subscribe to {thing}", thing=texts.thing("/".join(found[:-1]), "/"))
+    if what in _DONE:
+        return say(_DONE[what], thing=texts.thing(path, "/"))
+    return f"{texts.term_in_words(what)} {texts.thing(path, '/')}"
 
 
 def _outcome(status: int | None) -> tuple[str, str]:
     """Return the outcome of a request in words and as a state; ``status`` is None without a response."""
     if status is None:
-        return "ended", "idle"
+        return say("ended"), "idle"
     if status < 400:
-        return "done", "succeeded"
-    return (f"refused ({status})", "cancelled") if status < 500 else (f"failed ({status})", "failed")
+        return say("done"), "succeeded"
+    if status < 500:
+        return say("refused ({status})", status=status), "cancelled"
+    return say("failed ({status})", status=status), "failed"
 
 
-VIEW = PageView(LF.Audit, Path(__file__).parent / "templates" / "audit.html", audit)
+VIEW = PageView(
+    LF.Audit,
+    Path(__file__).parent / "templates" / "audit.html",
+    audit,
+    help=message(
+        "Who asked for what, and what became of it. Use the filter to find an entry; each leads to the time around it."
+    ),
+    guide="docs/IDENTITIES.md",
+)

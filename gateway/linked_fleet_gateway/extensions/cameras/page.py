@@ -7,7 +7,9 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.api import LDP, RDFS
 from linked_fleet_gateway.extensions.cameras.resources import LF, PATH
+from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part
+from linked_fleet_gateway.extensions.pages.languages import message, say
 from linked_fleet_gateway.extensions.pages.thing_views import AROUND, PRESENCE, presence
 
 
@@ -45,12 +47,32 @@ def cameras(facts: Facts, iri: NamedNode) -> Part:
         )
         for each, robot in zip(members, robots, strict=True)
     ]
-    return Part({"cameras": seen, "all": facts.root + PATH[1:]}, {LDP.contains, RDFS.seeAlso}, {*members})
+    robot = next((each.value for each in facts.all(iri, RDFS.seeAlso) if isinstance(each, NamedNode)), "")
+    title = say("Cameras of {robot}", robot=texts.place(robot, facts.root)) if robot else ""
+    return Part({"cameras": seen, "all": facts.root + PATH[1:]}, {LDP.contains, RDFS.seeAlso}, {*members}, title)
 
 
 _TEMPLATES = Path(__file__).parent / "templates"
 VIEWS = (
-    PageView(LF.Camera, _TEMPLATES / "camera.html", camera),
-    PageView(LF.Cameras, _TEMPLATES / "cameras.html", cameras),
-    PageView(LF.FleetCameras, _TEMPLATES / "fleet_cameras.html", cameras),
+    PageView(
+        LF.Camera,
+        _TEMPLATES / "camera.html",
+        camera,
+        help=message("The live picture of one camera, and how it sees."),
+        guide="docs/DESCRIPTIONS.md",
+    ),
+    PageView(
+        LF.Cameras,
+        _TEMPLATES / "cameras.html",
+        cameras,
+        help=message("The live pictures of all cameras of this robot."),
+        guide="docs/DESCRIPTIONS.md",
+    ),
+    PageView(
+        LF.FleetCameras,
+        _TEMPLATES / "fleet_cameras.html",
+        cameras,
+        help=message("The live pictures of all cameras of this fleet."),
+        guide="docs/DESCRIPTIONS.md",
+    ),
 )

@@ -7,6 +7,7 @@ from pathlib import Path
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.components.terms import LF
+from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.pages.thing_views import PRESENCE, Card, actions, cards, path_below, presence
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
@@ -48,4 +49,12 @@ def _named(facts: Facts, iri: NamedNode, card: Card, title: str) -> Card:
     return replace(card, name=name, link=replace(card.link, text=name))
 
 
-VIEW = PageView(LF.Component, Path(__file__).parent / "templates" / "component.html", component)
+VIEW = PageView(
+    LF.Component,
+    Path(__file__).parent / "templates" / "component.html",
+    component,
+    help=message(
+        "One part of the robot besides joints and links, such as a gripper or a base: its values, and what it can do."
+    ),
+    guide="docs/COMPONENTS.md",
+)

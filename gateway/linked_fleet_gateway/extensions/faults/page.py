@@ -9,6 +9,7 @@ from pyoxigraph import BlankNode, NamedNode
 from linked_fleet_gateway.api import DCTERMS, LDP
 from linked_fleet_gateway.extensions.faults.terms import LF, STATES
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
+from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, VOM
 
 _TEMPLATES = Path(__file__).parent / "templates"
@@ -102,6 +103,21 @@ def _notes(facts: Facts, iri: NamedNode) -> str:
 
 
 VIEWS = (
-    PageView(LF.FaultList, _TEMPLATES / "faults.html", faults),
-    PageView(LF.Fault, _TEMPLATES / "fault.html", fault),
+    PageView(
+        LF.FaultList,
+        _TEMPLATES / "faults.html",
+        faults,
+        help=message(
+            "What is wrong in this fleet. Acknowledge a fault to say that you care for it; it stays until its"
+            " cause is gone."
+        ),
+        guide="docs/FAULTS.md",
+    ),
+    PageView(
+        LF.Fault,
+        _TEMPLATES / "fault.html",
+        fault,
+        help=message("One fault: since when it is there, what was measured then, and who has acknowledged it."),
+        guide="docs/FAULTS.md",
+    ),
 )

@@ -9,6 +9,8 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.extensions.history.describe import LF
 from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages.api import say
+from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
@@ -41,7 +43,7 @@ def histories(facts: Facts, iri: NamedNode) -> Part:
     presences = sorted({each.presence.state.name for each in listed if each.presence.state})
     more = {
         "listed": listed,
-        "choices": [("presence", "Presence", presences)],
+        "choices": [("presence", say("Presence"), presences)],
         "findings": [each.value for each in facts.all(iri, CORE.fault) if isinstance(each, Literal)],
         "disk": _hours(facts, iri),
     }
@@ -107,7 +109,7 @@ def history(facts: Facts, iri: NamedNode) -> Part:
         more |= {"presence": presence(facts, robot), "state": facts.iri_of(robot, LF.jointState)}
     properties = {each for each in facts.of if isinstance(each, NamedNode) and each.value.startswith(facts.root)}
     nodes = {*facts.all(iri, HYDRA.search), *facts.all(iri, SOSA.hasMember)}
-    title = f"History of {texts.thing(iri.value.rpartition('/')[0], facts.root)}"
+    title = say("History of {thing}", thing=texts.thing(iri.value.rpartition("/")[0], facts.root))
     return Part(more, shown, {*properties, *nodes} - {iri}, title)  # type: ignore[arg-type]
 
 
@@ -126,7 +128,7 @@ def _parts(facts: Facts, iri: NamedNode) -> Iterator[PartHistory]:
     for owner, found in by_owner.items():
         own = len(texts.segments(owner, facts.root)) == 1
         address = owner + "/" if own else owner
-        name = "the robot itself" if own else texts.place(owner, facts.root)
+        name = say("the robot itself") if own else texts.place(owner, facts.root)
         yield PartHistory(Link(name, address, address), any(each.text == "velocity" for each in found), found)
 
 
@@ -136,5 +138,18 @@ def _observed(facts: Facts, node: Term, unit: str) -> ObservationRow:
     return ObservationRow(facts.first_value(node, SOSA.resultTime), results)  # type: ignore[arg-type]
 
 
-LIST = PageView(LF.HistoryList, _TEMPLATES / "histories.html", histories, {"history": "history"})
-HISTORY = PageView(LF.History, _TEMPLATES / "history.html", history)
+LIST = PageView(
+    LF.HistoryList,
+    _TEMPLATES / "histories.html",
+    histories,
+    {"history": "history"},
+    help=message("What robots measured lately. Open one for charts, or download it as a file."),
+    guide="docs/MAP.md",
+)
+HISTORY = PageView(
+    LF.History,
+    _TEMPLATES / "history.html",
+    history,
+    help=message("What was measured lately, as a chart and as files."),
+    guide="docs/MAP.md",
+)

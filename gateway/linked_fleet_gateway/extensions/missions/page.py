@@ -12,15 +12,30 @@ from linked_fleet_gateway.api import DCTERMS, LDP, RDF, RDFS
 from linked_fleet_gateway.extensions.missions.builder import SEGMENT
 from linked_fleet_gateway.extensions.missions.describing import CLASSES
 from linked_fleet_gateway.extensions.missions.terms import LF
-from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
+from linked_fleet_gateway.extensions.pages.api import (
+    Facts,
+    Link,
+    PageView,
+    Part,
+    Value,
+    message,
+    say,
+    timeline_link,
+    translated,
+)
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, PROV
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _WORDS = {
-    LF.InvokeStep: "Invoke", LF.SequenceStep: "One after the other", LF.ParallelStep: "At the same time",
-    LF.FirstOfStep: "The first that succeeds", LF.RepeatStep: "Repeat", LF.WaitStep: "Wait", LF.ConfirmStep: "Ask",
-    LF.NotifyStep: "Tell",
-}  # fmt: skip
+    LF.InvokeStep: message("Invoke"),
+    LF.SequenceStep: message("One after the other"),
+    LF.ParallelStep: message("At the same time"),
+    LF.FirstOfStep: message("The first that succeeds"),
+    LF.RepeatStep: message("Repeat"),
+    LF.WaitStep: message("Wait"),
+    LF.ConfirmStep: message("Ask"),
+    LF.NotifyStep: message("Tell"),
+}
 _MOST = 1000
 _MINUTE_S = 60.0
 
@@ -132,14 +147,14 @@ def _about(facts: Facts, node: BlankNode) -> str:
     if seconds := facts.text(node, LF.seconds):
         return f"{float(seconds):g} s"
     if times := facts.text(node, LF.times):
-        return f"{times} times"
+        return say("{count} times", count=times)
     until = facts.text(node, LF.until)
-    return f"until {until}" if until else facts.text(node, LF.text) or facts.text(node, LF.condition)
+    return say("until {time}", time=until) if until else facts.text(node, LF.text) or facts.text(node, LF.condition)
 
 
 def _word(facts: Facts, node: NamedNode | BlankNode) -> str:
     kind = next((each for each in CLASSES.values() if facts.is_a(node, each)), None)
-    return "" if kind is None else _WORDS[kind]
+    return "" if kind is None else translated(_WORDS[kind])
 
 
 def _actions(facts: Facts, iri: NamedNode) -> list[Link]:
@@ -194,22 +209,22 @@ def _action_of(iri: NamedNode, segment: str) -> str:
 
 def _answers(facts: Facts, iri: NamedNode, node: BlankNode) -> list[Decision]:
     action, path = _action_of(iri, "confirm"), facts.text(node, LF.stepPath)
-    return [Decision("Yes", action, path, "true"), Decision("No", action, path, "false")]
+    return [Decision(say("Yes"), action, path, "true"), Decision(say("No"), action, path, "false")]
 
 
 def _decisions(facts: Facts, iri: NamedNode, state: object) -> list[Decision]:
     """Return what people may do with the whole run."""
     if state == LF.running:
-        return [Decision("Pause", _action_of(iri, "pause"))]
-    return [Decision("Resume", _action_of(iri, "resume"))] if state == LF.paused else []
+        return [Decision(say("Pause"), _action_of(iri, "pause"))]
+    return [Decision(say("Resume"), _action_of(iri, "resume"))] if state == LF.paused else []
 
 
 def _step_decisions(facts: Facts, iri: NamedNode, node: BlankNode, path: str) -> list[Decision]:
-    state, skip = facts.one(node, LF.state), Decision("Skip", _action_of(iri, "skip"), path)
+    state, skip = facts.one(node, LF.state), Decision(say("Skip"), _action_of(iri, "skip"), path)
     if _asks(facts, node):
         return [*_answers(facts, iri, node), skip]
     if state in _OPENED:
-        return [Decision("Retry", _action_of(iri, "retry"), path), skip]
+        return [Decision(say("Retry"), _action_of(iri, "retry"), path), skip]
     return [skip] if state == LF.waiting else []
 
 
@@ -227,7 +242,7 @@ def _step(facts: Facts, iri: NamedNode, node: BlankNode, is_open: bool) -> StepR
     return StepRunRow(
         path,
         path.count("."),
-        f"round {', '.join(map(str, rounds))}" if rounds else "",
+        say("round {numbers}", numbers=", ".join(map(str, rounds))) if rounds else "",
         _word(facts, node),
         facts.text(node, DCTERMS.title),
         facts.first_value(node, LF.state),
@@ -241,9 +256,48 @@ def _step(facts: Facts, iri: NamedNode, node: BlankNode, is_open: bool) -> StepR
 
 
 VIEWS = (
-    PageView(LF.MissionList, _TEMPLATES / "missions.html", missions),
-    PageView(LF.Mission, _TEMPLATES / "mission.html", mission),
-    PageView(LF.MissionBuilder, _TEMPLATES / "mission_builder.html", builder),
-    PageView(LF.MissionRunList, _TEMPLATES / "mission_runs.html", runs),
-    PageView(LF.MissionRun, _TEMPLATES / "mission_run.html", run),
+    PageView(
+        LF.MissionList,
+        _TEMPLATES / "missions.html",
+        missions,
+        help=message(
+            "Missions are tasks of several steps for one robot or more. Build one here, and run it or put it"
+            " into the queue."
+        ),
+        guide="docs/MAP.md",
+    ),
+    PageView(
+        LF.Mission,
+        _TEMPLATES / "mission.html",
+        mission,
+        help=message("The steps of a mission. Run it now, edit it, or put it into the queue."),
+        guide="docs/MAP.md",
+    ),
+    PageView(
+        LF.MissionBuilder,
+        _TEMPLATES / "mission_builder.html",
+        builder,
+        help=message(
+            "Add steps, and set what each does. Check and try the mission before you save it; nothing moves"
+            " until it runs."
+        ),
+        guide="docs/MAP.md",
+    ),
+    PageView(
+        LF.MissionRunList,
+        _TEMPLATES / "mission_runs.html",
+        runs,
+        help=message("Missions that run, and those that have run, with their results."),
+        guide="docs/MAP.md",
+    ),
+    PageView(
+        LF.MissionRun,
+        _TEMPLATES / "mission_run.html",
+        run,
+        help=message(
+            "One run of a mission: what each step does. Here you answer its questions, pause it, and skip or"
+            " repeat steps."
+        ),
+        guide="docs/MAP.md",
+    ),
 )

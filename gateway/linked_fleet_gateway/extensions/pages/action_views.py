@@ -7,6 +7,7 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages.languages import known, say
 from linked_fleet_gateway.extensions.pages.moments import timeline_link
 from linked_fleet_gateway.extensions.pages.thing_views import actions, unchecked_links
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, State, Value
@@ -30,7 +31,9 @@ def action(facts: Facts, iri: NamedNode) -> Part:
     }
     # Both requests of a binding share one body node, which has no facts to show, and the form shows the shape.
     bodies = {each for each in facts.all(iri, HYBRIT.binding, HTTP.body) if isinstance(each, BlankNode)}
-    return Part(more, {RDFS.comment, HYBRIT.consumes, HYBRIT.binding, LF.invocations}, bodies | _shape(facts, iri))
+    shown = {RDFS.comment, HYBRIT.consumes, HYBRIT.binding, LF.invocations}
+    kind, colon, part = facts.text(iri, DCTERMS.title).partition(": ")
+    return Part(more, shown, bodies | _shape(facts, iri), known(kind) + colon + part)
 
 
 def _shape(facts: Facts, iri: NamedNode) -> set[Subject]:
@@ -103,8 +106,8 @@ def invocations(facts: Facts, iri: NamedNode) -> Part:
     listed = [_done(facts, each) for each in members]
     states = sorted({each.state.name for each in listed if isinstance(each.state, State)})
     people = sorted({each.who for each in listed if each.who})
-    more = {"listed": listed, "choices": [("state-name", "State", states), ("who", "Who", people)]}
-    title = f"Invocations of {texts.task(iri.value, facts.root)}"
+    more = {"listed": listed, "choices": [("state-name", say("State"), states), ("who", say("Who"), people)]}
+    title = say("Invocations of {action}", action=texts.task(iri.value, facts.root))
     return Part(more, {LDP.contains}, set(members), title)
 
 
@@ -173,7 +176,7 @@ def _watch(facts: Facts, iri: NamedNode) -> SubscriptionRow:
     watched = facts.iri_of(iri, HYBRIT.onResource)
     resource = Link(texts.thing(watched, facts.root), watched, watched)
     return SubscriptionRow(
-        link, types[0].text if types else "stream", receiver, resource, state, delivery, failures, reason
+        link, types[0].text if types else say("stream"), receiver, resource, state, delivery, failures, reason
     )
 
 

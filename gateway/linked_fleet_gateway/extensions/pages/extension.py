@@ -1,5 +1,6 @@
 """The extension ``pages``: resources and problems as HTML, with forms generated from their shapes."""
 
+import inspect
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -11,6 +12,8 @@ from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.pages import page
 from linked_fleet_gateway.extensions.pages.assets import THUMBNAIL
 from linked_fleet_gateway.extensions.pages.branches import ASSETS, THUMBNAILS
+from linked_fleet_gateway.extensions.pages.language_choice import CHOICES, ChooseLanguage, choose
+from linked_fleet_gateway.extensions.pages.languages import SEGMENT, add_folder, chosen_language
 from linked_fleet_gateway.extensions.pages.page import FORMS, POLICY
 from linked_fleet_gateway.extensions.pages.views import add_view, checked_view, set_entries
 from linked_fleet_gateway.faces import PageContext, Reader
@@ -40,6 +43,9 @@ class Pages:
     ) -> bytes:
         return page.write_problem(error, instance, report, reader)
 
+    def language(self, reader: Reader) -> str:
+        return chosen_language(reader.languages)
+
     def content_security_policy(self, forms: bool) -> str:
         return FORMS if forms else POLICY
 
@@ -49,13 +55,15 @@ _BUILT_IN = Path(__file__).parents[1]
 
 class PagesExtension(Extension):
     name = "pages"
-    at_root = ("assets",)
+    at_root = ("assets", SEGMENT)
     in_robot = (THUMBNAIL,)
-    public = ("assets",)
+    public = ("assets", SEGMENT)
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         for extension in core.extensions:
+            with core.faults.guard("pages", thing=f"languages of {extension.name}"):
+                add_folder(Path(inspect.getfile(type(extension))).parent / "languages")
             with core.faults.guard("pages", thing=f"views of {extension.name}"):
                 for view in extension.views():
                     checked = checked_view(view)
@@ -63,4 +71,4 @@ class PagesExtension(Extension):
                         page.check_template(checked.template)
                     add_view(checked)
         set_entries(core.navigation)
-        yield Mount(branches=(ASSETS, THUMBNAILS), html=Pages())
+        yield Mount(branches=(ASSETS, THUMBNAILS, CHOICES), readers={ChooseLanguage: choose}, html=Pages())

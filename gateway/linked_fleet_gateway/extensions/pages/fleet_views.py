@@ -13,6 +13,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.assets import THUMBNAIL
+from linked_fleet_gateway.extensions.pages.languages import message, say, translated
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, actions, path_below, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Time
 from linked_fleet_gateway.extensions.pages.views import LF, Part, constant
@@ -24,14 +25,14 @@ _SAID = LF.extended("outOfService stopped tag openFaults worstSeverity trouble")
 _PRESENCES = ("online", "faulty", "offline")
 _SEVERITIES = ("critical", "error", "warning", "information")
 _LINKS = {"linkLost": "lost", "linkWeak": "weak", "linkGood": "good"}
-_LINK_HINT = (
+_LINK_HINT = message(
     "Good: of the frames of the last ten seconds at least 98 % have arrived. Weak: less than 95 %. Lost: the agent is"
     " connected, and no frame has arrived for 3 s."
 )
 _LINK_HINTS = {
-    "good": "at least 98 % of its frames arrive",
-    "weak": "less than 95 % of its frames of the last 10 s have arrived",
-    "lost": "connected, but no frame has arrived for 3 s",
+    "good": message("at least 98 % of its frames arrive"),
+    "weak": message("less than 95 % of its frames of the last 10 s have arrived"),
+    "lost": message("connected, but no frame has arrived for 3 s"),
 }
 """Also in `scripts/src/fleet.js`."""
 _TROUBLE, _DESCENDING = "trouble", "descending"
@@ -110,19 +111,22 @@ class Column:
 
 
 _COLUMNS = (
-    Column("name", "Robot", lambda each: each.link.text.casefold()),
-    Column("model", "Model", lambda each: each.model.casefold() or None),
-    Column("state", "State", lambda each: (each.rank, not each.stopped, not each.out_of_service)),
-    Column("doing", "Doing", lambda each: (not each.task, not each.moving, each.task)),
-    Column("holder", "Controlled by", lambda each: each.holder.casefold() or None),
-    Column("faults", "Faults", lambda each: (each.rank, -each.faults)),
-    Column("battery", "Battery", lambda each: float(each.battery) if each.battery else None),
+    Column("name", message("Robot"), lambda each: each.link.text.casefold()),
+    Column("model", message("Model"), lambda each: each.model.casefold() or None),
+    Column("state", message("State"), lambda each: (each.rank, not each.stopped, not each.out_of_service)),
+    Column("doing", message("Doing"), lambda each: (not each.task, not each.moving, each.task)),
+    Column("holder", message("Controlled by"), lambda each: each.holder.casefold() or None),
+    Column("faults", message("Faults"), lambda each: (each.rank, -each.faults)),
+    Column("battery", message("Battery"), lambda each: float(each.battery) if each.battery else None),
     Column(
-        "link", "Link", lambda each: list(_LINKS.values()).index(each.quality) if each.quality else None,
+        "link", message("Connection"), lambda each: list(_LINKS.values()).index(each.quality) if each.quality else None,
         _LINK_HINT,
     ),
-    Column("tags", "Tags", lambda each: ", ".join(each.tags).casefold() or None),
-    Column("moved", "Last moved", lambda each: "~" if each.moving else each.moved.datetime if each.moved else None),
+    Column("tags", message("Tags"), lambda each: ", ".join(each.tags).casefold() or None),
+    Column(
+        "moved", message("Last moved"),
+        lambda each: "~" if each.moving else each.moved.datetime if each.moved else None,
+    ),
 )  # fmt: skip
 
 
@@ -189,7 +193,9 @@ class Choice:
         mine = column == self.column
         turned = _DESCENDING if mine and not self.descending else ""
         state = ("descending" if self.descending else "ascending") if mine else ""
-        return Head(column.title, self.with_(sort=column.name, order=turned), state, column.hint)
+        return Head(
+            translated(column.title), self.with_(sort=column.name, order=turned), state, translated(column.hint)
+        )
 
     def sorted(self, robots: Sequence[RobotCard]) -> list[RobotCard]:
         by_trouble = sorted(robots, key=lambda each: each.rank)
@@ -208,9 +214,15 @@ def read_choice(query: str) -> Choice:
     notes = []
     for name, allowed in _ALLOWED.items():
         if known.get(name, allowed[0]) not in allowed:
-            notes.append(f"There is no {name} {texts.clean(known.pop(name))!r}; it can be {', '.join(allowed)}.")
+            wrong = repr(texts.clean(known.pop(name)))
+            notes.append(
+                say(
+                    "There is no {name} {text}; it can be {allowed}.", name=name, text=wrong, allowed=", ".join(allowed)
+                )
+            )
     if not known.get("page", "1").isdecimal() or len(known.get("page", "1")) > 6:
-        notes.append(f"There is no page {texts.clean(known.pop('page'))!r}; pages are counted from 1.")
+        wrong = repr(texts.clean(known.pop("page")))
+        notes.append(say("There is no page {page}; pages are counted from 1.", page=wrong))
     if known.get("sort") == _TROUBLE:
         del known["sort"]
     return Choice(known, " ".join(notes))
@@ -237,7 +249,7 @@ def fleet(facts: Facts, iri: NamedNode) -> Part:
         "tags": sorted({tag for each in robots for tag in each.tags}),
         "presences": _PRESENCES,
         "choice": choice,
-        "hint": _LINK_HINTS,
+        "hint": {quality: translated(hint) for quality, hint in _LINK_HINTS.items()},
         "host": _host(facts.root),
         "docs": _DOCS,
         "actions": actions(facts, iri),
@@ -259,7 +271,7 @@ def _choice(query: str) -> Choice:
     try:
         return read_choice(query)
     except ValueError as error:  # more fields than anybody needs
-        return Choice({}, f"The address cannot be read: {error}.")
+        return Choice({}, say("The address cannot be read: {reason}.", reason=error))
 
 
 def _card(facts: Facts, iri: NamedNode, asked: Mapping[str, str]) -> RobotCard:
@@ -292,7 +304,8 @@ def _doing(facts: Facts, task: NamedNode) -> str:
     share, client = facts.one(task, LF.progress, VOM.numericalValue), facts.one(task, PROV.wasAssociatedWith)
     far = f" {100 * float(share.value):.0f} %" if isinstance(share, Literal) else ""
     who = facts.text(client, DCTERMS.title) if isinstance(client, BlankNode) else ""
-    return texts.task(task.value, facts.root) + far + (f" for {who}" if who else "")
+    done = texts.task(task.value, facts.root) + far
+    return say("{what} for {who}", what=done, who=who) if who else done
 
 
 def _holder(facts: Facts, iri: NamedNode) -> str:

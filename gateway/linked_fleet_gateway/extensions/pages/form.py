@@ -15,8 +15,9 @@ from linked_fleet_client.quantity import INTEGERS, UNIT_PATHS, UNITS
 from linked_fleet_client.shape import Bound, Field, Shape, conjunction, read_shape
 from linked_fleet_client.vocabulary import SH
 from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages import languages, texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
+from linked_fleet_gateway.extensions.pages.languages import say
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.faces import Form as JsonForm
 from linked_fleet_gateway.faces import Right, action_definitions, describe_request_shape, form_in
@@ -72,7 +73,7 @@ def form_of_setting(facts: Facts, iri: NamedNode) -> Form | None:
     value = facts.one(iri, LF.value)
     number = value if isinstance(value, Literal) or value is None else facts.one(value, VOM.numericalValue)
     present = {each: number.value for each in (LF.value.value, VOM.numericalValue.value) if isinstance(number, Literal)}
-    return _form(iri.value, ["PUT"], "set", classes, _prefilled(_filled(fields, facts, iri), present), Right.ADMIN)
+    return _form(iri.value, ["PUT"], say("set"), classes, _prefilled(_filled(fields, facts, iri), present), Right.ADMIN)
 
 
 def form_of_shape(
@@ -97,7 +98,7 @@ def form_of_subscription(container: str, owner: str) -> Form:
     """Return the form that creates a subscription; ``owner`` is the IRI of the thing to which the container belongs."""
     classes, fields = _fields(_request_shape(), str(LF.SubscriptionShape))
     shown = _prefilled(fields, {HYBRIT.onResource.value: owner})
-    return Form(container, texts.id_prefix(container), "POST", classes, "subscribe", shown, (), Right.SUBSCRIBE)
+    return Form(container, texts.id_prefix(container), "POST", classes, say("subscribe"), shown, (), Right.SUBSCRIBE)
 
 
 def _form(
@@ -170,8 +171,13 @@ def _request_shape() -> bytes:
     return serialize(graph.triples, format=RdfFormat.N_TRIPLES) or b""
 
 
-@lru_cache(maxsize=64)
 def _fields(described: bytes, node: str) -> tuple[str, tuple[Leaf | Group, ...]]:
+    """Return the classes and fields of a shape in N-Triples, in the language of the page."""
+    return _read_fields(described, node, languages.language())
+
+
+@lru_cache(maxsize=128)
+def _read_fields(described: bytes, node: str, language: str) -> tuple[str, tuple[Leaf | Group, ...]]:
     """Return the classes and fields of a shape in N-Triples.
 
     Cached, because reading takes long and shapes rarely change.
@@ -273,7 +279,7 @@ def _leaf(own: Field, branches: Sequence[Shape], name: str, hint: str, most: int
             path, name, hint, required, "text" if variable else "url", True, "", value, most=most, variable=variable
         )
     if _BOOLEAN in datatypes:
-        options = [("true", "yes"), ("false", "no")]
+        options = [("true", say("yes")), ("false", say("no"))]
         return Leaf(path, name, hint, required, "select", False, str(_BOOLEAN), value, options, most=most)
     datatype = str(datatypes[0]) if datatypes and datatypes[0] != _TEXT else ""
     kind = "url" if _ADDRESS in datatypes else "text"
@@ -315,7 +321,7 @@ def _is_unit(term: Node) -> bool:
 def _option(term: Node) -> str:
     if not isinstance(term, URIRef):
         return texts.clean(str(term))
-    return texts.unit(str(term)) or "no unit" if _is_unit(term) else texts.choice_label(str(term))
+    return texts.unit(str(term)) or say("no unit") if _is_unit(term) else texts.choice_label(str(term))
 
 
 def _limits(own: Field, branches: Sequence[Shape]) -> str:

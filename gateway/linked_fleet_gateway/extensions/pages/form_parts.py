@@ -4,18 +4,19 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from linked_fleet_gateway.extensions.pages.languages import message, say, translated
 from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.faces import Right
 
 _GRAPHS = frozenset({"turtle"})
 _FORBIDDEN = {
-    Right.ACT: "You have no right to move this robot.",
-    Right.STOP: "You have no right to stop this robot.",
-    Right.RESET: "You have no right to let this robot move again.",
-    Right.ADMIN: "You have no right to change this.",
-    Right.SUBSCRIBE: "You have no right to have messages sent or rules followed.",
+    Right.ACT: message("You have no right to move this robot."),
+    Right.STOP: message("You have no right to stop this robot."),
+    Right.RESET: message("You have no right to let this robot move again."),
+    Right.ADMIN: message("You have no right to change this."),
+    Right.SUBSCRIBE: message("You have no right to have messages sent or rules followed."),
 }
-_OFFLINE = "The robot is offline: nothing can be sent to it."
+_OFFLINE = message("The robot is offline: nothing can be sent to it.")
 _CONTROLLED = frozenset({Right.ACT, Right.RESET, Right.ADMIN})
 """Rights for what the holder of a control lease alone may do: motions and settings."""
 
@@ -111,8 +112,8 @@ class Form:
         ``holder``: who has control of the robot, if anybody. `scripts/src/presence.js` says the same, and later.
         """
         if rights is not None and self.right.value not in rights:
-            return _FORBIDDEN.get(self.right, "You have no right to do this.")
+            return translated(_FORBIDDEN.get(self.right, message("You have no right to do this.")))
         if offline:
-            return _OFFLINE
+            return translated(_OFFLINE)
         held = holder and self.right in _CONTROLLED
-        return f"{clean(holder)} has control of the robot: this would be refused." if held else ""
+        return say("{holder} has control of the robot: this would be refused.", holder=clean(holder)) if held else ""

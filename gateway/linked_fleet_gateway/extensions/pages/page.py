@@ -14,8 +14,9 @@ from pyoxigraph import Triple
 
 from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages import languages, templating, texts
 from linked_fleet_gateway.extensions.pages.assets import assets
+from linked_fleet_gateway.extensions.pages.help import help_of
 from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views, places
@@ -40,9 +41,10 @@ def write(
     formats: Mapping[str, tuple[str, str]],
 ) -> bytes:
     """Return the page of a resource; ``base`` is scheme and authority. Equal triples give equal bytes."""
-    view = view_of(resource, triples, base, formats, context)
-    data = script_json(jsonld.write_jsonld(triples, PREFIXES))
-    return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=context.reader)
+    with languages.speaking(context.reader.languages):
+        view = view_of(resource, triples, base, formats, context)
+        data = script_json(jsonld.write_jsonld(triples, PREFIXES))
+        return render(f"{view.kind}.html", view=view, data=data, places=view.places, reader=context.reader)
 
 
 def write_problem(
@@ -51,23 +53,25 @@ def write_problem(
     """Return the page of an error. It has a Stop button if its address and its reader are known."""
     address = urlsplit(instance) if instance and reader else None
     root = f"{address.scheme}://{address.netloc}/" if address else ""
-    return render(
-        "problem.html",
-        error=error,
-        detail=texts.readable_title(error.detail, root) if root else error.detail,
-        instance=instance,
-        root=root,
-        places=places(address.path if address else None, reader.restricted_paths if reader else ()),
-        reader=reader,
-        members={name: value for name, value in error.members.items() if value},
-        report=report,
-    )
+    with languages.speaking(reader.languages if reader else ""):
+        return render(
+            "problem.html",
+            error=error,
+            detail=texts.readable_title(error.detail, root) if root else error.detail,
+            instance=instance,
+            root=root,
+            places=places(address.path if address else None, reader.restricted_paths if reader else ()),
+            reader=reader,
+            members={name: value for name, value in error.members.items() if value},
+            report=report,
+        )
 
 
 def render(template: str, **variables: object) -> bytes:
-    """Render a template with the variables that all pages need."""
+    """Render a template with the variables that all pages need, in the language that is spoken."""
     folders = tuple(dict.fromkeys(each.template.parent for each in added_views()))
-    common = {"entries": assets().entries, "places": places()}
+    common = {"entries": assets().entries, "places": places(), "language": languages.language()}
+    common |= {"languages": languages.NAMES}
     return _templates(folders).get_template(template).render(common | variables).encode()
 
 
@@ -92,8 +96,11 @@ def _templates(folders: tuple[Path, ...]) -> "jinja2.Environment":
         trim_blocks=True,
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
+        extensions=[templating.extension()],
     )
     environment.filters["clean"] = clean
+    environment.globals |= {"_": languages.say, "_said": languages.said_in_template, "_known": languages.known}
+    environment.globals |= {"help_of": help_of, "choice_of_language": languages.address_of_choice}
     return environment
 
 

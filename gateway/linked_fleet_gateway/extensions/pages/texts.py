@@ -17,6 +17,8 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_agent.wire.keys import unescape
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_gateway.extensions.pages import languages
+from linked_fleet_gateway.extensions.pages.languages import say
 from linked_fleet_gateway.rdf.shapes import VOCABULARY, added_files, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import LF, RDFS, ROS, XHV
 
@@ -39,6 +41,7 @@ _COMMAND = re.compile(r"\bcommand [0-9a-f]{8}-[0-9a-f-]{27}")
 _CONTROL = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ufffe\uffff]")
 _SPELT = {XHV.prev.value: "previous", ROS.preceedingLink.value: "preceding link"}
 _LINK_MARK = "~link"
+_ENGLISH = (None, languages.ENGLISH)
 
 
 def clean(text: str) -> str:
@@ -79,7 +82,7 @@ def _rounded(value: float, decimals: int) -> str:
 
 
 def _trimmed(text: str) -> str:
-    return text.rstrip("0").rstrip(".") if "." in text else text
+    return languages.localized(text.rstrip("0").rstrip(".") if "." in text else text)
 
 
 @lru_cache(maxsize=256)
@@ -88,10 +91,22 @@ def unit(iri: str) -> str:
     return quantity.unit_label(iri).replace(" ", "·").replace("m2", "m²").replace("s2", "s²").replace("deg", "°")
 
 
-@lru_cache(maxsize=4096)
 def term_in_words(iri: str) -> str:
-    """Return a term in words: ``lf:lastSeen`` is "last seen"."""
-    if said := _SPELT.get(iri) or label_and_comment(iri)[0]:
+    """Return a term in words: ``lf:lastSeen`` is "last seen", and "zuletzt gesehen" in German."""
+    return _term_in_words(iri, languages.language())
+
+
+@lru_cache(maxsize=8192)
+def _term_in_words(iri: str, language: str) -> str:
+    labels, words = _labels(added_files(VOCABULARY)), english_words(iri)
+    said = languages.translated(words)
+    return clean(labels.get((iri, language)) or (labels.get((words, language), said) if said == words else said))
+
+
+@lru_cache(maxsize=4096)
+def english_words(iri: str) -> str:
+    """Return a term in English words, which are also the message that is translated."""
+    if said := _SPELT.get(iri) or _described(added_files(VOCABULARY)).get(iri, ("", ""))[0]:
         return said
     local = _DIMENSIONS.sub(r" \1", iri.rstrip("#/").replace("#", "/").rpartition("/")[2])
     parts = [each if each.isupper() and len(each) > 1 else each.lower() for each in _WORD.findall(local)]
@@ -104,14 +119,40 @@ def _described(added: tuple[Path, ...]) -> dict[str, tuple[str, str]]:
     found = {}
     for subject, triples in load_turtle(VOCABULARY).items():
         if isinstance(subject, NamedNode):
-            said = {each.predicate: each.object.value for each in triples if isinstance(each.object, Literal)}
-            found[subject.value] = _inside(said.get(RDFS.label, "")), sentence(said.get(RDFS.comment, ""))
+            said = {
+                each.predicate: each.object.value
+                for each in triples
+                if isinstance(each.object, Literal) and each.object.language in _ENGLISH
+            }
+            found[subject.value] = _inside(said.get(RDFS.label, "")), said.get(RDFS.comment, "")
+    return found
+
+
+@lru_cache(maxsize=1)
+def _labels(added: tuple[Path, ...]) -> dict[tuple[str, str], str]:
+    """Labels in other languages than English, by term, and by its label in English, and language."""
+    found = dict[tuple[str, str], str]()
+    for subject, triples in load_turtle(VOCABULARY).items():
+        labels = [each.object for each in triples if each.predicate == RDFS.label and isinstance(each.object, Literal)]
+        english = next((_inside(each.value) for each in labels if each.language in _ENGLISH), "")
+        for each in labels:
+            if each.language is not None and each.language not in _ENGLISH and isinstance(subject, NamedNode):
+                found[subject.value, each.language] = each.value
+                found.setdefault((english, each.language), each.value)
     return found
 
 
 def label_and_comment(iri: str) -> tuple[str, str]:
-    """Return the label and the comment of a term of this project's vocabulary; empty for any other."""
-    return _described(added_files(VOCABULARY)).get(iri, ("", "")) if iri.startswith(LF.iri) else ("", "")
+    """Return the English label and comment of a term of this project's vocabulary; empty for any other."""
+    label, comment = _described(added_files(VOCABULARY)).get(iri, ("", "")) if iri.startswith(LF.iri) else ("", "")
+    return label, sentence(comment)
+
+
+def help_of(iri: str) -> str:
+    """Return the comment of a term in the language of the page; empty if it is in English alone."""
+    said = _described(added_files(VOCABULARY)).get(iri, ("", ""))[1] if iri.startswith(LF.iri) else ""
+    is_known = languages.language() == languages.ENGLISH or languages.known(said) != said
+    return sentence(said) if is_known else ""
 
 
 def _inside(label: str) -> str:
@@ -121,7 +162,8 @@ def _inside(label: str) -> str:
 
 def sentence(text: str) -> str:
     """Return a text for people: terms in it, such as ``lf:lastSeen``, become words, ids of commands are left out."""
-    return _TERM.sub(lambda found: term_in_words(found[0].partition(":")[2]), _COMMAND.sub("another command", text))
+    plain = _COMMAND.sub(languages.translated("another command"), languages.known(text))
+    return _TERM.sub(lambda found: term_in_words(found[0].partition(":")[2]), plain)
 
 
 def local_name(iri: str) -> str:
@@ -147,17 +189,18 @@ def place(iri: str, root: str) -> str:
     if "#" in iri:
         return term_in_words(iri)
     segments = [each for each in iri.removeprefix(root).split("/") if each]
-    return step(segments, len(segments) - 1) if segments else "fleet"
+    return step(segments, len(segments) - 1) if segments else say("fleet")
 
 
 def step(segments: Sequence[str], depth: int) -> str:
     """Return the name of a path segment; an id is named by its container, such as "invocation"."""
     named = depth == 0 or (depth == 1 and segments[0] not in present().at_root)  # a robot, a joint or a link
     if not named and is_id(segments[depth]):
-        return term_in_words(segments[depth - 1]).removesuffix("s")
-    return (
-        term_in_words(segments[depth]) if is_gateway_segment(segments, depth) else segment_name(segments[depth], depth)
-    )
+        return languages.translated(english_words(segments[depth - 1]).removesuffix("s"))
+    if is_gateway_segment(segments, depth):
+        return term_in_words(segments[depth])
+    name = segment_name(segments[depth], depth)
+    return languages.known(name) if segments[0] in present().at_root else name
 
 
 def is_id(segment: str) -> bool:
@@ -182,7 +225,10 @@ def time_text(lexical: str) -> str:
 
 def choice_label(iri: str) -> str:
     """Return the label of an IRI in a choice: the name of a part, or a term in words."""
-    return term_in_words(iri) if "#" in iri else segment_name(iri.rstrip("/").rpartition("/")[2], 1)
+    if "#" in iri:
+        return term_in_words(iri)
+    segment = iri.rstrip("/").rpartition("/")[2]
+    return term_in_words(segment) if segment in present().in_robot else segment_name(segment, 1)
 
 
 def id_prefix(iri: str) -> str:
@@ -196,7 +242,7 @@ def foreign_iri_text(iri: str) -> str:
         return clean(iri)
     host, _, path = iri.partition("://")[2].partition("/")
     name = path.rstrip("#/").replace("#", "/").rpartition("/")[2]
-    return clean(f"{name} at {host}" if name else host)
+    return clean(say("{name} at {host}", name=name, host=host) if name else host)
 
 
 _ACTIONS = "actions"
@@ -229,7 +275,7 @@ def thing(iri: str, root: str) -> str:
     """Describe a resource in words: "right_s1 of baxter", "placement of ur5", "the fleet"."""
     found = segments(iri, root)
     if not found:
-        return "the fleet"
+        return say("the fleet")
     if found[0] in present().at_root:
         return " ".join(term_in_words(each) for each in found if not is_id(each))
     return _of_robot(found)
@@ -240,9 +286,12 @@ def _of_robot(found: Sequence[str]) -> str:
     if _ACTIONS in rest[:2] and rest[-1] != _ACTIONS:
         at = rest.index(_ACTIONS)
         parts = [term_in_words(rest[at + 1]), *(segment_name(each, 1) for each in rest[:at])]
-        return f"{' '.join(parts)} of {robot}"
+        return say("{part} of {whole}", part=" ".join(parts), whole=robot)
     names = [term_in_words(each) if n or each != each.lower() else segment_name(each, 1) for n, each in enumerate(rest)]
-    return " of ".join([*reversed(names), robot])
+    said = robot
+    for each in names:
+        said = say("{part} of {whole}", part=each, whole=said)
+    return said
 
 
 def readable_title(text: str, root: str) -> str:
@@ -267,16 +316,16 @@ def motion(iri: str, root: str, targets: Mapping[str, tuple[float, str]]) -> str
     """Describe an invocation with its only target: "Rotate right_s1 to −100°". ``targets``: value and unit by joint."""
     said = capitalized(task(iri, root))
     if len(targets) > 1:
-        return f"{said} ({len(targets)} joints)"
+        return say("{what} ({count} joints)", what=said, count=len(targets))
     for joint, (value, unit) in targets.items():
-        of = "" if said.endswith(joint) else f" {joint}"
-        return f"{said}{of} to {position(value, unit)}"
+        of = said if said.endswith(joint) else f"{said} {joint}"
+        return say("{what} to {position}", what=of, position=position(value, unit))
     return said
 
 
 def position(value: float, unit: str) -> str:
     """Format an angle in degrees, a length in millimetres; ``unit`` is the label of the unit in the data."""
     if not math.isfinite(value):
-        return "an unknown position"
+        return say("an unknown position")
     shown = converted(value, unit) or f"{number(value)} {unit}".rstrip()
     return shown.replace("-", "\N{MINUS SIGN}")

@@ -8,6 +8,7 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import robot_panel, texts
+from linked_fleet_gateway.extensions.pages.languages import say, translated
 from linked_fleet_gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
 from linked_fleet_gateway.extensions.pages.views import LF, Part, constant
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, ROS, SOSA
@@ -64,7 +65,9 @@ class Limits:
 def describe_subject(facts: Facts, subject: Subject) -> DescribedSubject:
     if isinstance(subject, BlankNode):
         label = facts.outline.label(subject)
-        return DescribedSubject(label, Link(f"node {label}", "", ""), facts.types(subject), facts.rows(subject))
+        return DescribedSubject(
+            label, Link(say("node {label}", label=label), "", ""), facts.types(subject), facts.rows(subject)
+        )
     anchor = subject.value.removeprefix(LF.iri) if subject.value.startswith(LF.iri) else ""
     return DescribedSubject(anchor, facts.link(subject), facts.types(subject), facts.rows(subject))
 
@@ -241,7 +244,7 @@ def _parts(facts: Facts, iri: NamedNode) -> tuple[list[NamedNode], list[NamedNod
 
 def _kind_of_joint(facts: Facts, iri: NamedNode) -> str:
     types = [each for each in facts.all(iri, RDF.type) if each not in (HYBRIT.RoboticThing, LF.Joint)]
-    return texts.term_in_words(types[-1].value).removesuffix(" joint") if types else ""
+    return translated(texts.english_words(types[-1].value).removesuffix(" joint")) if types else ""
 
 
 def _samples(facts: Facts, samples: Iterable[Term]) -> dict[NamedNode, list[Number]]:

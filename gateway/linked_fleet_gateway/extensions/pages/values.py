@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, ClassVar
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages import languages, texts
+from linked_fleet_gateway.extensions.pages.languages import say
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, NUMERIC, PREFIXES, QUDT, RDF, SOSA, VOM, XSD
 from linked_fleet_rdf.turtle import Outline, Subject, Term
 
@@ -68,6 +69,11 @@ class State:
     name: str
     at: Address | None = None
     kind: ClassVar[str] = "state"
+
+    @property
+    def label(self) -> str:
+        """The state in words, in the language of the page."""
+        return languages.translated(self.name)
 
 
 @dataclass(frozen=True)
@@ -155,6 +161,12 @@ class Facts:
         found = self.one(subject, predicate)
         return texts.clean(found.value) if isinstance(found, Literal) else ""
 
+    def spoken(self, subject: Term, predicate: NamedNode) -> str:
+        """Return the text in the language of the page; else that in English, or without a language."""
+        found = {each.language: each.value for each in self.all(subject, predicate) if isinstance(each, Literal)}
+        wanted = (languages.language(), languages.ENGLISH, None)
+        return texts.clean(next((found[each] for each in wanted if each in found), ""))
+
     def iri_of(self, subject: Term, predicate: NamedNode) -> str:
         """Return the first IRI reached; empty if there is none."""
         found = self.one(subject, predicate)
@@ -201,7 +213,7 @@ class Facts:
         if predicate in _STATES:
             return State(texts.local_name(term.value), at)
         if term == LF.unknown:
-            return Time("unknown", "", at) if predicate in _TIMES else Number("unknown", "", at)
+            return Time(say("unknown"), "", at) if predicate in _TIMES else Number(say("unknown"), "", at)
         return self.link(term)
 
     def _literal(self, literal: Literal, predicate: NamedNode, at: Address | None) -> Value:
@@ -214,7 +226,7 @@ class Facts:
 
     def _node(self, node: BlankNode, at: Address | None) -> Value:
         if not self.outline.is_nested(node):
-            return Link(f"node {self.outline.label(node)}", f"#{self.outline.label(node)}", "")
+            return Link(say("node {label}", label=self.outline.label(node)), f"#{self.outline.label(node)}", "")
         said = self.of.get(node, {})
         others = said.keys() - {RDF.type, VOM.unit, QUDT.unit}
         if others == {VOM.numericalValue} and len(said[VOM.numericalValue]) == 1:
@@ -246,7 +258,7 @@ class Facts:
         """Return a number; ``unit``: its IRI, or empty."""
         shown, name = (texts.unit(unit), quantity.unit_label(unit)) if unit else ("", "")
         if not isinstance(term, Literal):
-            return Number("unknown", "", at, shown, name)
+            return Number(say("unknown"), "", at, shown, name)
         value = _float(term.value)
         if value is None:
             return Number(texts.clean(term.value), texts.clean(term.value), at, shown, name)
@@ -264,7 +276,7 @@ class Facts:
             texts.term_in_words(iri.value),
             href if _is_web(href) else "",
             iri.value,
-            texts.label_and_comment(iri.value)[1],
+            texts.help_of(iri.value),
         )
 
     def placed_link(self, iri: NamedNode) -> Link:

@@ -12,6 +12,7 @@ from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import action_views, texts
 from linked_fleet_gateway.extensions.pages import thing_views as things
 from linked_fleet_gateway.extensions.pages.fleet_views import fleet
+from linked_fleet_gateway.extensions.pages.languages import known, say
 from linked_fleet_gateway.extensions.pages.thing_views import DescribedSubject, describe_subject
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, files_of, places
@@ -66,7 +67,8 @@ class View:
     ``crumbs``: names with IRIs, the last one without. ``stop``: what the Stop button stops, and the IRI of the action.
     ``lease``: the IRI of the control lease of the robot that the page is about, else empty. ``places``: the navigation.
     ``warning``: about the gateway. ``offline``: whether the robot of the page is; ``holder``: who has control of it, if
-    anybody. ``scripts``, ``styles``: addresses of those that only this kind of page has.
+    anybody. ``scripts``, ``styles``: addresses of those that only this kind of page has. ``for_developers``: links at
+    its foot.
     """
 
     iri: str
@@ -94,6 +96,13 @@ class View:
     holder: str = ""
     scripts: Sequence[str] = ()
     styles: Sequence[str] = ()
+    for_developers: Sequence[Place] = ()
+
+    @property
+    def here(self) -> str:
+        """The path of this page, with its query."""
+        path = "/" + self._address.removeprefix(self.root)
+        return f"{path}?{self.query}" if self.query else path
 
     @property
     def formats(self) -> list[tuple[str, str, str]]:
@@ -127,6 +136,7 @@ def view_of(
     kind, part, files = _kind(facts, iri)
     subscriptions = facts.one(iri, HYBRIT.subscriptions) if context.links_subscriptions else None
     robot = resource.source.robot
+    title = part.title or _title(resource, facts, iri)
     return View(
         iri=iri.value,
         query=context.query,
@@ -134,14 +144,13 @@ def view_of(
         offered=formats,
         root=facts.root,
         kind=kind,
-        title=part.title
-        or texts.readable_title(facts.text(iri, DCTERMS.title) or texts.clean(resource.title), facts.root),
+        title=title,
         types=[
             facts.term(each)
             for each in facts.all(iri, RDF.type)
             if isinstance(each, NamedNode) and each not in _PLAIN_TYPES
         ],
-        crumbs=_crumbs(resource.path, facts.root),
+        crumbs=_crumbs(resource, facts, title),
         stop=_stop(resource, facts.root),
         lease="" if robot is None else facts.root + lease_path(robot.name)[1:],
         observable=resource.observable,
@@ -160,7 +169,17 @@ def view_of(
         holder="" if robot is None or robot.lease is None else robot.lease.holder,
         scripts=[each for each in files if each.endswith(".js")],
         styles=[each for each in files if each.endswith(".css")],
+        for_developers=places(resource.path, context.reader.restricted_paths, root=facts.root, for_developers=True),
     )
+
+
+def _title(resource: Resource, facts: Facts, iri: NamedNode) -> str:
+    """Return the title, translated unless it may be that of a user's thing."""
+    title = texts.readable_title(facts.text(iri, DCTERMS.title) or texts.clean(resource.title), facts.root)
+    segments = texts.segments(resource.path, "/")
+    own = not segments or (segments[0] in present().at_root and not texts.is_id(segments[-1]))
+    given = own or texts.is_gateway_segment(segments, len(segments) - 1)
+    return known(title) if given else title
 
 
 def _kind(facts: Facts, iri: NamedNode) -> tuple[str, Part, Sequence[str]]:
@@ -192,16 +211,24 @@ def _blueprint(facts: Facts, iri: NamedNode) -> str:
     return next((each for each in own if each.startswith(facts.root)), "")
 
 
-def _crumbs(path: str, root: str) -> list[tuple[str, str]]:
-    """Return the links from the fleet to this resource; path prefixes that are no resources are left out."""
-    segments = [each for each in path.split("/") if each]
-    crumbs = [("Fleet", root)]
+def _crumbs(resource: Resource, facts: Facts, title: str) -> list[tuple[str, str]]:
+    """Return the links from the fleet to this resource, by their titles where these are known.
+
+    Path prefixes that are no resources are left out.
+    """
+    segments, robot = [each for each in resource.path.split("/") if each], resource.source.robot
+    crumbs = [(say("Fleet"), facts.root)]
     for depth, segment in enumerate(segments):
-        address = root + "/".join(segments[: depth + 1])
-        robot = depth == 0 and segment not in present().at_root
-        if segment not in _NOT_SERVED:
-            crumbs.append((texts.step(segments, depth), address + ("/" if robot else "")))
-    return [*crumbs[:-1], (crumbs[-1][0], "")]
+        is_robot = depth == 0 and segment not in present().at_root
+        address = facts.root + "/".join(segments[: depth + 1]) + ("/" if is_robot else "")
+        if segment in _NOT_SERVED:
+            continue
+        given = facts.text(NamedNode(address), DCTERMS.title) if texts.is_id(segment) or is_robot else ""
+        if is_robot and robot is not None:
+            given = given or texts.clean(robot.title)
+        crumbs.append((given or texts.step(segments, depth), address))
+    last = segments[-1] if segments else ""
+    return [*crumbs[:-1], (title if title and texts.is_id(last) else crumbs[-1][0], "")]
 
 
 def _stop(resource: Resource, root: str) -> tuple[str, str]:
@@ -210,4 +237,4 @@ def _stop(resource: Resource, root: str) -> tuple[str, str]:
     able = robot is None or any(each.definition.iri == LF.StopRobot for each in offers_at(robot))
     if head and head not in present().at_root and able:
         return texts.segment_name(head, 0), f"{root}{head}/actions/stop"
-    return "all", f"{root}actions/stopAll"
+    return say("all"), f"{root}actions/stopAll"

@@ -13,6 +13,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages.assets import add_file
+from linked_fleet_gateway.extensions.pages.languages import known, message
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.faces import NavigationEntry
 from linked_fleet_gateway.rdf.vocabulary import LF as CORE
@@ -43,6 +44,8 @@ class PageView:
 
     ``constants``: values by name for views of other extensions, such as the path of a container. ``files``: ready-made
     scripts (ES modules, ``.js``) and styles (``.css``) of these pages, which may load nothing from other sites.
+    ``help``: a message that says what the page is for, and what one can do on it. ``guide``: the address of a page of
+    documentation, or a path in that of this project.
     """
 
     type: NamedNode
@@ -50,6 +53,8 @@ class PageView:
     read: Callable[[Facts, NamedNode], Part]
     constants: Mapping[str, str] = field(default_factory=dict)
     files: tuple[Path, ...] = ()
+    help: str = ""
+    guide: str = ""
 
     @property
     def kind(self) -> str:
@@ -96,16 +101,20 @@ def constant(name: str) -> str:
     return next((each.constants[name] for each in _added().views.values() if name in each.constants), "")
 
 
-_FLEET = NavigationEntry("Fleet", "/", 0)
+_FLEET = NavigationEntry(message("Fleet"), "/", 0)
 
 
 @dataclass(frozen=True)
 class Place:
-    """An entry on a page. ``current``: the value of aria-current: empty, ``page``, or ``true`` for a page below."""
+    """An entry on a page. ``current``: the value of aria-current: empty, ``page``, or ``true`` for a page below.
+
+    ``path`` is that of the page, which is the same in all languages.
+    """
 
     title: str
     href: str
     current: str = ""
+    path: str = ""
 
 
 def set_entries(entries: Iterable[NavigationEntry]) -> None:
@@ -118,17 +127,23 @@ def places(
     restricted_paths: Collection[str] = (),
     entries: Iterable[NavigationEntry] | None = None,
     root: str = "/",
+    for_developers: bool = False,
 ) -> list[Place]:
     """Return the ordered entries for the page at ``path``; ``restricted_paths``: those of restricted entries
     that the reader may read.
 
-    ``entries``: those of extensions, if not set before; ``root``: the address of the fleet.
+    ``entries``: those of extensions, if not set before; ``root``: the address of the fleet; ``for_developers``: those
+    at the foot of the page instead of those in its bar.
     """
     added = _added().entries if entries is None else entries
-    readable = [each for each in (_FLEET, *added) if not each.restricted or each.path in restricted_paths]
+    wanted = [each for each in (_FLEET, *added) if each.for_developers == for_developers]
+    readable = [each for each in wanted if not each.restricted or each.path in restricted_paths]
     shown = sorted(readable, key=lambda each: each.rank)
     here = _section(path, shown)
-    return [Place(each.title, root + each.path[1:], _current(path, each) if each is here else "") for each in shown]
+    return [
+        Place(known(each.title), root + each.path[1:], _current(path, each) if each is here else "", each.path)
+        for each in shown
+    ]
 
 
 def _section(path: str | None, entries: Sequence[NavigationEntry]) -> NavigationEntry | None:

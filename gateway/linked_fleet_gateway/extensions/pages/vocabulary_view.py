@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages.languages import say
 from linked_fleet_gateway.extensions.pages.values import Facts, Link
 from linked_fleet_gateway.extensions.pages.views import LF, Part
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, OWL, PREFIXES, RDF, RDFS, SH
@@ -36,7 +37,12 @@ def vocabulary(facts: Facts, iri: NamedNode) -> Part:
     for subject in facts.of:
         if isinstance(subject, NamedNode) and subject != iri and not facts.is_a(subject, OWL.Ontology):
             found[_section(facts, subject)].append(_row(facts, subject))
-    titles = {"classes": "Classes", "properties": "Properties", "values": "Values and states", "shapes": "Shapes"}
+    titles = {
+        "classes": say("Classes"),
+        "properties": say("Properties"),
+        "values": say("Values and states"),
+        "shapes": say("Shapes"),
+    }
     sections = [VocabularySection(mark, titles[mark], _sorted(found[mark])) for mark in titles if found[mark]]
     return Part({"sections": sections}, frozenset(), set(facts.of) - {iri}, facts.text(iri, DCTERMS.title))
 
@@ -58,8 +64,8 @@ def _row(facts: Facts, term: NamedNode) -> TermRow:
     return TermRow(
         term.value.removeprefix(LF.iri) if term.value.startswith(LF.iri) else "",
         _prefixed(term),
-        facts.text(term, RDFS.label) or texts.term_in_words(term.value),
-        texts.sentence(facts.text(term, RDFS.comment)),
+        facts.spoken(term, RDFS.label) or texts.term_in_words(term.value),
+        texts.sentence(facts.spoken(term, RDFS.comment)),
         [facts.term(each) for each in kinds],
     )
 

@@ -8,6 +8,7 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.api import DCTERMS
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
+from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.people.terms import LF
 
 
@@ -33,4 +34,10 @@ def people(facts: Facts, iri: NamedNode) -> Part:
     return Part({"people": sorted(found, key=lambda each: each.name)}, {LF.people}, {*nodes})
 
 
-VIEW = PageView(LF.People, Path(__file__).parent / "templates" / "people.html", people)
+VIEW = PageView(
+    LF.People,
+    Path(__file__).parent / "templates" / "people.html",
+    people,
+    help=message("Who uses this fleet at present, and who has control of which robot."),
+    guide="docs/IDENTITIES.md",
+)

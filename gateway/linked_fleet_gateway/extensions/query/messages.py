@@ -93,8 +93,8 @@ class QueryRequest(Struct, frozen=True, kw_only=True):
 
     news: News
     query: str
-    navigation: list[tuple[str, str, int, bool]] = []
-    """Navigation entries of extensions on result pages: title, path and rank."""
+    navigation: list[tuple[str, str, int, bool, bool]] = []
+    """Navigation entries of extensions on result pages: title, path, rank, and for whom they are."""
     reader: Reader = Reader()
     base: str
     base_iri: str

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from urllib.parse import urlencode
 
 from pyoxigraph import BlankNode, Literal, NamedNode, QueryBoolean, QuerySolutions, Triple
 
 from linked_fleet_gateway.base.errors import BadRequest, FleetError
+from linked_fleet_gateway.extensions.pages.languages import add_folder, known, message, say, speaking
 from linked_fleet_gateway.extensions.pages.page import render
 from linked_fleet_gateway.extensions.pages.texts import clean, foreign_iri_text, number
 from linked_fleet_gateway.extensions.pages.values import Facts
@@ -46,14 +47,20 @@ class Problem:
 def preload() -> None:
     """Load everything that pages need: afterwards no file can be opened."""
     add_view(VIEW)  # its folder contains the template
+    add_folder(Path(__file__).parent / "languages")
     _page("", "http://localhost", [], Reader())
 
 
 def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: QueryRequest) -> bytes:
     """Return the result as a page. Raises Refused if it is too large."""
+    with speaking(ask.reader.languages):
+        return _page_of(result, ask)
+
+
+def _page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: QueryRequest) -> bytes:
     entries = places("/query", ask.reader.restricted_paths, entries=[NavigationEntry(*each) for each in ask.navigation])
     if isinstance(result, QueryBoolean):
-        summary, formats = "Yes." if result else "No.", _formats(ask, ("json", "xml"))
+        summary, formats = say("Yes.") if result else say("No."), _formats(ask, ("json", "xml"))
         return _page(ask.query, ask.base, entries, ask.reader, summary=summary, formats=formats)
     if isinstance(result, QuerySolutions):
         names, others = [each.value for each in result.variables], ("csv", "json", "tsv", "xml")
@@ -62,16 +69,23 @@ def page_of(result: QuerySolutions | QueryBoolean | Sequence[Triple], ask: Query
         names, others = ["subject", "predicate", "object"], ("turtle", "jsonld", "ntriples", "rdfxml")
         rows = ([each.subject, each.predicate, each.object] for each in result)
     shown = _bounded(rows, ask)
-    summary = f"{len(shown)} rows" if len(shown) != 1 else "1 row"
+    summary = say("{count} rows", count=len(shown)) if len(shown) != 1 else say("1 row")
     formats = _formats(ask, others)
     return _page(ask.query, ask.base, entries, ask.reader, summary=summary, names=names, rows=shown, formats=formats)
+
+
+def entries_for(reader: Reader, entries: Iterable[NavigationEntry]) -> list[NavigationEntry]:
+    """Return the entries of the navigation in the language of the reader."""
+    with speaking(reader.languages):
+        return [replace(each, title=known(each.title)) for each in entries]
 
 
 def refusal_page(query: str, base: str, reader: Reader, error: FleetError) -> bytes:
     """Return a page with the query and the reason for its refusal."""
     line, column = (error.line, error.column) if isinstance(error, BadRequest) else (None, None)
-    entries = places("/query", reader.restricted_paths)
-    return _page(query, base, entries, reader, problem=Problem(error.title, error.detail, line or 0, column or 0))
+    problem = Problem(error.title, error.detail, line or 0, column or 0)
+    with speaking(reader.languages):
+        return _page(query, base, places("/query", reader.restricted_paths), reader, problem=problem)
 
 
 def _bounded(rows: Iterable[Sequence[object]], ask: QueryRequest) -> list[list[Cell]]:
@@ -144,10 +158,11 @@ def _page(
     formats: Mapping[str, str] = {},
     problem: Problem | None = None,
 ) -> bytes:
-    return render(
-        "results.html", query=clean(query), root=f"{base}/", places=entries, reader=reader, summary=summary,
-        names=names, rows=rows, formats=formats, problem=problem, examples=EXAMPLES,
-    )  # fmt: skip
+    with speaking(reader.languages):
+        return render(
+            "results.html", query=clean(query), root=f"{base}/", places=entries, reader=reader, summary=summary,
+            names=names, rows=rows, formats=formats, problem=problem, examples=EXAMPLES,
+        )  # fmt: skip
 
 
 # -- the endpoint ------------------------------------------------------------------------------------------------------
@@ -169,4 +184,10 @@ def query(facts: Facts, iri: NamedNode) -> Part:
     return Part({"examples": examples}, {LF.example, RDFS.comment})
 
 
-VIEW = PageView(SD.Service, Path(__file__).parent / "templates" / "query.html", query)
+VIEW = PageView(
+    SD.Service,
+    Path(__file__).parent / "templates" / "query.html",
+    query,
+    help=message("Ask for anything that is known of this fleet. Begin with one of the examples."),
+    guide="docs/MAP.md",
+)

@@ -1,6 +1,7 @@
 """SPARQL 1.1 queries on consistent snapshots of the live fleet, evaluated in a separate process."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import astuple
 from types import TracebackType
 
 from pyoxigraph import (
@@ -41,7 +42,7 @@ class Queries:
     def __init__(self, live: Live, limit_s: float = LIMIT_S, navigation: Sequence[NavigationEntry] = ()) -> None:
         """Create the service; ``navigation`` are the entries of extensions for result pages."""
         self._live, self._limit_s = live, limit_s
-        self._navigation = [(each.title, each.path, each.rank, each.restricted) for each in navigation]
+        self._navigation = tuple(navigation)
         self._turns = FairTurns()
         self._process = QueryProcess(
             lambda: Feed(live.fleet, live.invocations, lambda robot, path: live.branches.robot_links(robot, path))
@@ -95,6 +96,12 @@ class Queries:
         await self.run(parse_query(query, base + "/query"), base, nobody, JSON_RESULTS, client=client, only_check=True)
         return variables
 
+    def _entries(self, reader: Reader) -> list[tuple[str, str, int, bool, bool]]:
+        """Return the navigation in the language of the reader: the process lacks translations of other extensions."""
+        from linked_fleet_gateway.extensions.query.page import entries_for  # for pages only
+
+        return [astuple(each) for each in entries_for(reader, self._navigation)]
+
     async def run(
         self,
         query: Query,
@@ -123,7 +130,7 @@ class Queries:
             return QueryRequest(
                 news=feed.news(),
                 query=query.text,
-                navigation=self._navigation if media_type == HTML else [],
+                navigation=self._entries(reader) if media_type == HTML else [],
                 base=base,
                 base_iri=base + "/query",
                 patterns=sees.patterns,

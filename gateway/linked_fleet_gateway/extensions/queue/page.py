@@ -9,7 +9,8 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.api import DCTERMS, LDP, Right
 from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
+from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, say
+from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.queue.terms import LF
 from linked_fleet_gateway.rdf.vocabulary import HYBRIT, PROV
 
@@ -45,7 +46,7 @@ def queue(facts: Facts, iri: NamedNode) -> Part:
     running = _rows(facts, members, LF.starting, LF.running)
     over = _rows(facts, members, LF.succeeded, LF.failed, LF.cancelled, LF.missed)
     latest = sorted(over, key=lambda row: str(row.when), reverse=True)[:_LATEST]
-    made = form.form_of_shape(LF.OrderInput, iri.value, "POST", "Put into the queue", facts, iri, Right.ACT)
+    made = form.form_of_shape(LF.OrderInput, iri.value, "POST", say("Put into the queue"), facts, iri, Right.ACT)
     return Part({"waiting": waiting, "running": running, "over": latest, "form": made}, {LDP.contains}, {*members})
 
 
@@ -119,8 +120,35 @@ def schedule(facts: Facts, iri: NamedNode) -> Part:
 
 
 VIEWS = (
-    PageView(LF.ScheduleList, _TEMPLATES / "schedules.html", schedules),
-    PageView(LF.Schedule, _TEMPLATES / "schedule.html", schedule),
-    PageView(LF.Queue, _TEMPLATES / "queue.html", queue),
-    PageView(LF.QueuedOrder, _TEMPLATES / "queued_order.html", order),
+    PageView(
+        LF.ScheduleList,
+        _TEMPLATES / "schedules.html",
+        schedules,
+        help=message("Missions that begin by themselves at set times."),
+        guide="docs/MAP.md",
+    ),
+    PageView(
+        LF.Schedule,
+        _TEMPLATES / "schedule.html",
+        schedule,
+        help=message("When a mission begins by itself, and which starts were missed."),
+        guide="docs/MAP.md",
+    ),
+    PageView(
+        LF.Queue,
+        _TEMPLATES / "queue.html",
+        queue,
+        help=message(
+            "Missions that wait for free robots. Put one in, or change the order; the first one that can run is"
+            " started."
+        ),
+        guide="docs/MAP.md",
+    ),
+    PageView(
+        LF.QueuedOrder,
+        _TEMPLATES / "queued_order.html",
+        order,
+        help=message("One mission in the queue: why it waits, or which robots carry it out."),
+        guide="docs/MAP.md",
+    ),
 )

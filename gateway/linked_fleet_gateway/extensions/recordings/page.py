@@ -7,6 +7,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.api import DCTERMS, LDP, RDFS
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
+from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.recordings.resources import RECORDING, RECORDING_LIST
 from linked_fleet_gateway.rdf.vocabulary import LF, VOM
 
@@ -58,6 +59,21 @@ def _row(facts: Facts, iri: NamedNode) -> Row:
 
 
 VIEWS = (
-    PageView(RECORDING_LIST, _TEMPLATES / "recordings.html", recordings),
-    PageView(RECORDING, _TEMPLATES / "recording.html", recording),
+    PageView(
+        RECORDING_LIST,
+        _TEMPLATES / "recordings.html",
+        recordings,
+        help=message(
+            "The last 30 s before a motion failed, was stopped, or a fault came: what the robot measured then,"
+            " to find out why."
+        ),
+        guide="docs/FAULTS.md",
+    ),
+    PageView(
+        RECORDING,
+        _TEMPLATES / "recording.html",
+        recording,
+        help=message("What the robot measured around one incident. Download the file to look at it."),
+        guide="docs/FAULTS.md",
+    ),
 )

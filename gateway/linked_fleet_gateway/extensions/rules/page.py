@@ -13,6 +13,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 from linked_fleet_gateway.api import Right
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages.api import message, say, translated
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
@@ -42,8 +43,8 @@ class Example:
 
 
 UPRIGHT = Example(
-    "The UR5 stands up when its wrist turns too far",
-    "Turn wrist_3_joint of the UR5 beyond 1 rad (57°) to see it fire.",
+    message("The UR5 stands up when its wrist turns too far"),
+    message("Turn wrist_3_joint of the UR5 beyond 1 rad (57°) to see it fire."),
     _LF
     + """PREFIX ros: <http://ros.org/#>
 PREFIX spatial: <http://vocab.arvida.de/2015/06/spatial/vocab#>
@@ -62,8 +63,8 @@ _:body lf:poseName "upright" .
     "joint",
 )
 GREET = Example(
-    "The Panda opens its hand when the UR5 moves",
-    "Move any joint of the UR5 to see it fire, once for each motion.",
+    message("The Panda opens its hand when the UR5 moves"),
+    message("Move any joint of the UR5 to see it fire, once for each motion."),
     _LF
     + """SELECT ?task WHERE {
   </ur5/> lf:currentTask ?task .
@@ -77,8 +78,10 @@ _:body vom:numericalValue 0.04 ; vom:unit unit:M .
 """,
 )
 KEEP_AWAY = Example(
-    "The UR5 stops when it comes near to the Panda",
-    "Bring the tool of the UR5 nearer than 0.4 m to the hand of the Panda to see it fire. It is no safety function.",
+    message("The UR5 stops when it comes near to the Panda"),
+    message(
+        "Bring the tool of the UR5 nearer than 0.4 m to the hand of the Panda to see it fire. It is no safety function."
+    ),
     _LF
     + """SELECT ?tool WHERE {
   BIND(</ur5/tool0> AS ?tool)
@@ -121,7 +124,7 @@ def rules(facts: Facts, iri: NamedNode) -> Part:
     firings = [each for member in members for each in facts.all(member, LF.lastFiring) if isinstance(each, NamedNode)]
     first = EXAMPLES[0]
     values = {
-        DCTERMS.title: first.title,
+        DCTERMS.title: translated(first.title),
         LF.condition: first.condition,
         LF.invokes: first.invokes,
         LF.body: first.body,
@@ -131,7 +134,7 @@ def rules(facts: Facts, iri: NamedNode) -> Part:
         LF.enabled: "true",
     }
     blank = form.form_of_shape(
-        LF.RuleShape, iri.value, "POST", "Save the rule", facts, iri, Right.SUBSCRIBE, RULE_SHAPE
+        LF.RuleShape, iri.value, "POST", say("Save the rule"), facts, iri, Right.SUBSCRIBE, RULE_SHAPE
     )
     more = {
         "listed": [_listed(facts, each) for each in members],
@@ -150,7 +153,7 @@ def rule(facts: Facts, iri: NamedNode) -> Part:
         LF.condition: getattr(facts.one(iri, LF.condition), "value", ""),
     }
     own = form.form_of_shape(
-        LF.RuleShape, iri.value, "PUT", "Save the changes", facts, iri, Right.SUBSCRIBE, RULE_SHAPE
+        LF.RuleShape, iri.value, "PUT", say("Save the changes"), facts, iri, Right.SUBSCRIBE, RULE_SHAPE
     )
     more = {
         "form": _form(own, values),
@@ -170,6 +173,8 @@ def _form(made: Form, values: Mapping[NamedNode, str]) -> Form:
 
 
 def _with(field: Leaf | Group, values: Mapping[NamedNode, str]) -> Leaf | Group:
+    if field.path == LF.toldApartBy.value:
+        field = replace(field, label=texts.term_in_words(field.path))
     value = values.get(NamedNode(field.path))
     return field if value is None or isinstance(field, Group) else replace(field, value=value)
 
@@ -203,7 +208,7 @@ def _fired(facts: Facts, iri: NamedNode) -> FiringRow:
         for value in facts.values(node, LF.value)  # type: ignore[arg-type]
     ]
     return FiringRow(
-        Link(f"Firing {number}", iri.value, iri.value),
+        Link(say("Firing {number}", number=number), iri.value, iri.value),
         facts.first_value(iri, DCTERMS.created),
         facts.first_value(iri, LF.state),
         facts.text(iri, LF.reason),
@@ -216,6 +221,29 @@ def _enabled(facts: Facts, iri: NamedNode) -> bool:
     return facts.text(iri, LF.enabled) == "true"
 
 
-RULES = PageView(LF.RuleList, _TEMPLATES / "rules.html", rules)
-RULE = PageView(LF.Rule, _TEMPLATES / "rule.html", rule)
-FIRINGS = PageView(LF.FiringList, _TEMPLATES / "firings.html", firings)
+RULES = PageView(
+    LF.RuleList,
+    _TEMPLATES / "rules.html",
+    rules,
+    help=message(
+        "Rules start an action by themselves when something happens, such as a stop when two robots come near."
+        " They are no safety function."
+    ),
+    guide="docs/MAP.md",
+)
+RULE = PageView(
+    LF.Rule,
+    _TEMPLATES / "rule.html",
+    rule,
+    help=message(
+        "One rule: when it acts, what it does, and when it did so last. Switch it off to keep it without effect."
+    ),
+    guide="docs/MAP.md",
+)
+FIRINGS = PageView(
+    LF.FiringList,
+    _TEMPLATES / "firings.html",
+    firings,
+    help=message("When the rule acted, and what became of it."),
+    guide="docs/MAP.md",
+)

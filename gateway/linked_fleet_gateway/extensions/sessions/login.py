@@ -27,6 +27,7 @@ from linked_fleet_gateway.base.errors import (
     MethodNotAllowed,
     NotFound,
 )
+from linked_fleet_gateway.extensions.pages.languages import language, message, say, speaking, translated
 from linked_fleet_gateway.extensions.pages.page import FORMS, render
 from linked_fleet_gateway.extensions.pages.views import places
 from linked_fleet_gateway.extensions.sessions.cookies import LOGIN, read_cookie, session_of, set_cookie
@@ -76,6 +77,10 @@ class Login:
         return path in _PAGES
 
     async def answer(self, request: Request, sessions: Sessions) -> Response:
+        with speaking(request.languages):
+            return await self._answer(request, sessions)
+
+    async def _answer(self, request: Request, sessions: Sessions) -> Response:
         path: str = request.scope["path"]
         method = "GET" if request.method == "HEAD" else request.method
         allow = _PAGES[path]
@@ -120,7 +125,7 @@ class Login:
             found = await sessions.identities.bearer(token)
         except BadToken as error:
             self._failed(request, error)
-            return _page(sessions, then, None, f"This token is not accepted: {error}.", status=401)
+            return _page(sessions, then, None, say("This token is not accepted: {reason}.", reason=error), status=401)
         except IssuerFailed as error:
             raise IssuerDown("The issuer of this token cannot be asked for its keys; try again in a moment.") from error
         assert found.credential is not None
@@ -132,7 +137,9 @@ class Login:
         """Begin a session of a guest. The token leaves the address with the redirection."""
         if session_of(request.scope) is not None:
             who = request.caller.name
-            failed = f"You are logged in as {who}. Log out to use an invitation, or open it in another browser."
+            failed = say(
+                "You are logged in as {who}. Log out to use an invitation, or open it in another browser.", who=who
+            )
             return _page(sessions, "/", request.caller, status=409, failed=failed)
         try:
             if sessions.invitations is None:
@@ -141,7 +148,7 @@ class Login:
         except BadToken as error:
             self._failed(request, error)
             sentence = str(error)
-            failed = f"{sentence[:1].upper()}{sentence[1:]}. Ask who sent it to you for a new one."
+            failed = say("{reason}. Ask who sent it to you for a new one.", reason=sentence[:1].upper() + sentence[1:])
             return _page(sessions, "/", None, status=401, failed=failed)
         if wait_s := math.ceil(self._openings.take(invitation.sha256)):
             raise TooManyLogins(f"This link was opened too often. Try again in {wait_s} s.", retry_after_s=wait_s)
@@ -185,7 +192,7 @@ class Login:
             claims = await _claims(request, sessions, issuer, login)
         except BadToken as error:
             self._failed(request, error)
-            return _page(sessions, "/", None, failed=f"You are not logged in: {error}.", status=401)
+            return _page(sessions, "/", None, failed=say("You are not logged in: {reason}.", reason=error), status=401)
         except IssuerFailed as error:
             log.warning("a login failed: %s", error)
             raise IssuerDown("The issuer does not answer as it should; try again in a moment.") from error
@@ -274,19 +281,20 @@ def _page(
         wrong=wrong,
         failed=failed,
     )
-    headers = _NO_STORE | {"content-security-policy": FORMS, "x-content-type-options": "nosniff", "vary": "Accept"}
+    headers = _NO_STORE | {"content-security-policy": FORMS, "x-content-type-options": "nosniff"}
+    headers |= {"vary": "Accept, Accept-Language, Cookie", "content-language": language()}
     # with stricter policies browsers send "Origin: null" to this gateway too
     headers |= {"referrer-policy": "same-origin"}
     return Response(page, status, headers, "text/html; charset=utf-8")
 
 
 _MEANINGS = {
-    Right.READ: "see robots, and all that is known of them",
-    Right.SUBSCRIBE: "follow changes, write rules and have messages sent",
-    Right.STOP: "stop robots",
-    Right.ACT: "have robots move, and take control of them",
-    Right.PERSON: "take control from programs",
-    Right.ADMIN: "change settings, see what others did",
+    Right.READ: message("see robots, and all that is known of them"),
+    Right.SUBSCRIBE: message("follow changes, write rules and have messages sent"),
+    Right.STOP: message("stop robots"),
+    Right.ACT: message("have robots move, and take control of them"),
+    Right.PERSON: message("take control from programs"),
+    Right.ADMIN: message("change settings, see what others did"),
 }
 
 
@@ -295,7 +303,9 @@ def _rights(caller: Identity) -> list[tuple[str, str, str]]:
     found = []
     for right, meaning in _MEANINGS.items():
         robots = caller.view_for(right)
-        found.append((right.value, meaning, "all robots" if robots.includes_all else ", ".join(robots.patterns)))
+        found.append(
+            (right.value, translated(meaning), say("all robots") if robots.includes_all else ", ".join(robots.patterns))
+        )
     return found
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from linked_fleet_gateway.api import DCTERMS, LDP, NamedNode
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
+from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.sessions.invitations import LF, MOST_DAYS
 
 
@@ -30,4 +31,10 @@ def invitations(facts: Facts, iri: NamedNode) -> Part:
     return Part({"rows": rows, "days": MOST_DAYS}, {LDP.contains}, {*members})
 
 
-VIEW = PageView(LF.Invitations, Path(__file__).parent / "templates" / "invitations.html", invitations)
+VIEW = PageView(
+    LF.Invitations,
+    Path(__file__).parent / "templates" / "invitations.html",
+    invitations,
+    help=message("Invite a guest by a link. Guests see the fleet, and can change nothing; the link ends by itself."),
+    guide="docs/IDENTITIES.md",
+)

@@ -171,7 +171,7 @@ class ThingsExtension(Extension):
     name = "things"
     vocabulary = (Path(__file__).with_name("vocabulary.ttl"),)
     at_root = (".well-known", "things")
-    navigation = (NavigationEntry("Things", "/things", 60),)
+    navigation = (NavigationEntry("Things", "/things", 60, for_developers=True),)
 
     def views(self) -> Sequence[object]:
         from linked_fleet_gateway.extensions.things import page

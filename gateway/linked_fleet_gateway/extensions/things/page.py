@@ -6,6 +6,8 @@ from pathlib import Path
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages.api import say
+from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.pages.values import Facts, Link
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
 from linked_fleet_gateway.extensions.things.directory import LF
@@ -26,8 +28,8 @@ def directory(facts: Facts, iri: NamedNode) -> Part:
     members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
     things = [_thing(facts, each) for each in members]
     choices = [
-        ("kind", "Kind", sorted({each.kind for each in things})),
-        ("robot", "Robot", sorted({each.robot for each in things if each.robot})),
+        ("kind", say("Kind"), sorted({each.kind for each in things})),
+        ("robot", say("Robot"), sorted({each.robot for each in things if each.robot})),
     ]
     return Part({"things": things, "choices": choices}, {LDP.contains}, set(members))
 
@@ -39,4 +41,10 @@ def _thing(facts: Facts, iri: NamedNode) -> ListedThing:
     return ListedThing(facts.link(iri), kinds[0].text if kinds else "", robot, iri.value + "?as=td")
 
 
-VIEW = PageView(LF.Directory, Path(__file__).parent / "templates" / "directory.html", directory)
+VIEW = PageView(
+    LF.Directory,
+    Path(__file__).parent / "templates" / "directory.html",
+    directory,
+    help=message("All robots, joints and parts as a list, with descriptions for programs."),
+    guide="docs/MAP.md",
+)

@@ -9,7 +9,17 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.api import DCTERMS, RDFS
 from linked_fleet_gateway.extensions.pages import texts
-from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, shows_past
+from linked_fleet_gateway.extensions.pages.api import (
+    Facts,
+    Link,
+    PageView,
+    Part,
+    Value,
+    message,
+    say,
+    shows_past,
+    translated,
+)  # fmt: skip
 from linked_fleet_gateway.extensions.timeline.chart import LANE, MOST_LANES, WIDTH, Scale, lanes, room_of, ticks
 from linked_fleet_gateway.extensions.timeline.describing import PATH
 from linked_fleet_gateway.extensions.timeline.terms import LF
@@ -42,7 +52,10 @@ _COLOURS = {
     "good": "succeeded", "busy": "running", "plan": "planned", "warn": "cancelled", "bad": "failed", "odd": "unknown",
 }  # fmt: skip
 """The states by whose colours the looks are shown elsewhere."""
-_SPANS = (("10 minutes", HOUR_NS // 6), ("2 hours", 2 * HOUR_NS), ("a day", 24 * HOUR_NS), ("7 days", 168 * HOUR_NS))
+_SPANS = (
+    (message("10 minutes"), HOUR_NS // 6), (message("2 hours"), 2 * HOUR_NS), (message("a day"), 24 * HOUR_NS),
+    (message("7 days"), 168 * HOUR_NS),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -68,8 +81,10 @@ class Entry:
     @property
     def label(self) -> str:
         """All that is to be said of its bar."""
-        by = f", by {self.who}" if self.who else ""
-        return f"{self.link.text}, {self.state}{by}"
+        what, state = self.link.text, translated(self.state)
+        if not self.who:
+            return f"{what}, {state}"
+        return say("{what}, {state}, by {who}", what=what, state=state, who=self.who)
 
 
 @dataclass(frozen=True)
@@ -96,7 +111,11 @@ class Row:
     @property
     def said(self) -> str:
         count = len(self.bars)
-        return "nothing" if not count else f"{count} {'activity' if count == 1 else 'activities'}, listed below"
+        if not count:
+            return say("nothing")
+        if count == 1:
+            return say("1 activity, listed below")
+        return say("{count} activities, listed below", count=count)
 
 
 def timeline(facts: Facts, iri: NamedNode) -> Part:
@@ -124,7 +143,7 @@ def timeline(facts: Facts, iri: NamedNode) -> Part:
     }
     shown = {LF.activity, LF.shownRobot, LF.windowStart, LF.windowEnd, LF.asOf, LF.leftOut, LF.completeFrom}
     shown |= {LF.completeUntil, LF.robotsLeftOut, LF.ofRobot, RDFS.seeAlso}
-    title = f"Timeline of {window.robot}" if window.robot else "Timeline"
+    title = say("Timeline of {robot}", robot=window.robot) if window.robot else say("Timeline")
     return Part(more, shown, {*nodes, *robots}, title)
 
 
@@ -186,7 +205,7 @@ def _rows(
         names = [robot.iri for robot in each.robots]
         for name in names if 0 < len(names) <= MOST_ROWS or window.robot else [""]:
             of.setdefault(name, []).append(each)
-    rows = [] if window.robot else [_row(Link("Fleet", facts.root, facts.root), "", of.get("", []), scale)]
+    rows = [] if window.robot else [_row(Link(say("Fleet"), facts.root, facts.root), "", of.get("", []), scale)]
     for iri in robots:
         robot = facts.place_link(iri)
         alone = "" if window.robot else address + query_of(Window(window.from_ns, window.until_ns, robot.text))
@@ -209,9 +228,9 @@ def _row(robot: Link, alone: str, entries: Sequence[Entry], scale: Scale) -> Row
 
 def _choices(entries: Sequence[Entry]) -> list[tuple[str, str, list[str]]]:
     return [
-        ("kind-of", "Kind", sorted({each.kind for each in entries})),
-        ("state-name", "State", sorted({each.state for each in entries})),
-        ("who", "Who", sorted({each.who for each in entries if each.who})),
+        ("kind-of", say("Kind"), sorted({each.kind for each in entries})),
+        ("state-name", say("State"), sorted({each.state for each in entries})),
+        ("who", say("Who"), sorted({each.who for each in entries if each.who})),
     ]
 
 
@@ -221,13 +240,13 @@ def _choices(entries: Sequence[Entry]) -> list[tuple[str, str, list[str]]]:
 def _ways(address: str, window: Window, now_ns: int) -> list[Link]:
     """Return the links to other windows."""
     found = [
-        ("Earlier", moved(window, -0.5)),
-        ("Later", moved(window, 0.5)),
-        ("Zoom in", zoomed(window, 0.5)),
-        ("Zoom out", zoomed(window, 2.0)),
-        ("Now", at(window, now_ns)),
+        (say("Earlier"), moved(window, -0.5)),
+        (say("Later"), moved(window, 0.5)),
+        (say("Zoom in"), zoomed(window, 0.5)),
+        (say("Zoom out"), zoomed(window, 2.0)),
+        (say("Now"), at(window, now_ns)),
     ]
-    found += [(text, at(Window(0, length_ns, window.robot), now_ns)) for text, length_ns in _SPANS]
+    found += [(translated(text), at(Window(0, length_ns, window.robot), now_ns)) for text, length_ns in _SPANS]
     return [Link(text, address + query_of(each), "") for text, each in found]
 
 
@@ -236,13 +255,26 @@ def _notes(facts: Facts, iri: NamedNode, window: Window) -> list[str]:
     found = list[str]()
     if (count := int(facts.text(iri, LF.leftOut) or 0)) > 0:
         since = texts.time_text(facts.text(iri, LF.completeFrom))
-        found.append(f"{count} activities that began before {since} are left out. Zoom in to see them.")
+        found.append(
+            say(
+                "{count} activities that began before {since} are left out. Zoom in to see them.",
+                count=count,
+                since=since,
+            )
+        )
     if _seconds(facts, iri, LF.completeUntil) * SECOND_NS < window.until_ns - SECOND_NS // 1000:
         until = texts.time_text(facts.text(iri, LF.completeUntil))
-        found.append(f"Starts of schedules from {until} on are left out. Zoom in to see them.")
+        found.append(say("Starts of schedules from {until} on are left out. Zoom in to see them.", until=until))
     if (idle := int(facts.text(iri, LF.robotsLeftOut) or 0)) > 0:
-        found.append(f"{idle} robots that do nothing in this time are left out.")
+        found.append(say("{count} robots that do nothing in this time are left out.", count=idle))
     return found
 
 
-VIEW = PageView(LF.Timeline, Path(__file__).parent / "templates" / "timeline.html", timeline, {"timeline": PATH})
+VIEW = PageView(
+    LF.Timeline,
+    Path(__file__).parent / "templates" / "timeline.html",
+    timeline,
+    {"timeline": PATH},
+    help=message("What happened, what happens now and what is planned, robot by robot."),
+    guide="docs/MAP.md",
+)

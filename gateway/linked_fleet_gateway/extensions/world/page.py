@@ -12,6 +12,7 @@ from linked_fleet_gateway.api import Right
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
+from linked_fleet_gateway.extensions.pages.languages import message, say
 from linked_fleet_gateway.extensions.pages.thing_views import path_below
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
@@ -114,12 +115,12 @@ class ObjectRow:
 def container(facts: Facts, iri: NamedNode) -> Part:
     members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
     listed = [_listed(facts, each) for each in members]
-    more = {"listed": listed, "count": len(members), "form": _form(iri.value, "POST", "add", *_example())}
+    more = {"listed": listed, "count": len(members), "form": _form(iri.value, "POST", say("add"), *_example())}
     return Part(more, {LDP.contains, LDP.constrainedBy, RDFS.seeAlso}, set(members))
 
 
 def thing(facts: Facts, iri: NamedNode) -> Part:
-    return Part({"form": _form(iri.value, "PUT", "save", facts, iri)})
+    return Part({"form": _form(iri.value, "PUT", say("save"), facts, iri)})
 
 
 def _listed(facts: Facts, iri: NamedNode) -> ObjectRow:
@@ -142,7 +143,7 @@ def _form(action: str, method: str, name: str, facts: Facts, subject: NamedNode)
     made = form.form_of_shape(LF.SceneObjectInput, action, method, name, facts, subject, Right.ADMIN)
     kind = Leaf(
         path=RDF.type.value,
-        label="kind",
+        label=say("kind"),
         hint="",
         required=True,
         input="select",
@@ -187,8 +188,39 @@ def _example() -> tuple[Facts, NamedNode]:
     return Facts(graph.triples, root), NamedNode(root + object_path("new"))
 
 
-VIEW = PageView(LF.World, _TEMPLATES / "world.html", world, constants={"objects": OBJECTS})
-COLLISIONS_VIEW = PageView(LF.Collisions, _TEMPLATES / "collisions.html", collisions)
-MAP_VIEW = PageView(LF.OccupancyMap, _TEMPLATES / "occupancy_map.html", floor)
-CONTAINER_VIEW = PageView(LF.SceneObjects, _TEMPLATES / "scene_objects.html", container)
-OBJECT_VIEW = PageView(LF.SceneObject, _TEMPLATES / "scene_object.html", thing)
+VIEW = PageView(
+    LF.World,
+    _TEMPLATES / "world.html",
+    world,
+    constants={"objects": OBJECTS},
+    help=message("Where robots and objects stand. Objects that are entered here are kept clear of by motions."),
+    guide="docs/FLOOR.md",
+)
+COLLISIONS_VIEW = PageView(
+    LF.Collisions,
+    _TEMPLATES / "collisions.html",
+    collisions,
+    help=message("Motions that were refused because they would have ended in a collision."),
+    guide="docs/FLOOR.md",
+)
+MAP_VIEW = PageView(
+    LF.OccupancyMap,
+    _TEMPLATES / "occupancy_map.html",
+    floor,
+    help=message("The floor from above, with robots and objects. Load a map of your building here."),
+    guide="docs/FLOOR.md",
+)
+CONTAINER_VIEW = PageView(
+    LF.SceneObjects,
+    _TEMPLATES / "scene_objects.html",
+    container,
+    help=message("Objects that robots must not touch, and zones that they must not enter."),
+    guide="docs/FLOOR.md",
+)
+OBJECT_VIEW = PageView(
+    LF.SceneObject,
+    _TEMPLATES / "scene_object.html",
+    thing,
+    help=message("One object or zone: where it stands, and its size."),
+    guide="docs/FLOOR.md",
+)

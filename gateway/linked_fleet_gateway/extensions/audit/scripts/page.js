@@ -1,5 +1,6 @@
 // The audit: new entries come by themselves while nothing is chosen; else their number is told, and a button shows them.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { adopt, refresh } from "../../pages/scripts/src/region.js";
 
 const ASK_MS = 3000;
@@ -54,7 +55,7 @@ function tell(news, count) {
   const button = document.createElement("button");
   button.type = "button";
   button.className = "quiet";
-  button.textContent = count === 1 ? "1 new entry: show it" : `${count === MOST ? `${MOST} or more` : count} new entries: show them`;
+  button.textContent = count === 1 ? say("1 new entry: show it") : say("{value} new entries: show them", { value: count === MOST ? `${MOST} or more` : count });
   button.addEventListener("click", () => {
     button.blur(); // otherwise the section would wait for it to lose the focus
     refresh();

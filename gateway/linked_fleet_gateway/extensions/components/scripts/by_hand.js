@@ -1,5 +1,6 @@
 // Moves something by hand over a stream of its action, as long as what a person sees is fresh (docs/DRIVING.md).
 
+import { say } from "../../pages/scripts/src/say.js";
 import { proof } from "../../pages/scripts/src/control.js";
 import { send } from "../../pages/scripts/src/request.js";
 import { camera } from "./drive_camera.js";
@@ -52,8 +53,8 @@ export class ByHand {
     this.socket.onclose = () => this.closed();
     this.endPictures = camera(this.section, () => (this.pictured = performance.now()));
     this.timer = setInterval(() => this.send(), PERIOD_MS);
-    this.say("waiting", "Asking…");
-    this.button.textContent = "Let go";
+    this.say("waiting", say("Asking…"));
+    this.button.textContent = say("Let go");
     this.moved.control.enable();
     this.drawn = requestAnimationFrame(() => this.draw());
   }
@@ -72,18 +73,18 @@ export class ByHand {
     if (this.heard === undefined) return;
     const { applied = 0, dropped = {} } = this.told;
     const lost = Object.values(dropped).reduce((sum, each) => sum + each, 0);
-    this.said.textContent = `${this.moved.figures(this.told)} · seen ${Math.round(this.age())} ms ago · ${applied} samples applied, ${lost} dropped`;
+    this.said.textContent = say("{value} · seen {age} ms ago · {applied} samples applied, {lost} dropped", { value: this.moved.figures(this.told), age: Math.round(this.age()), applied, lost });
     this.tell();
   }
 
   tell() {
     const { driver, priority, speedScale = 1, limitedBecause, silent, values } = this.told;
     const because = limitedBecause || values.limitedBecause;
-    const share = speedScale < 1 ? `${Math.round(100 * speedScale)} % of the speed` : "Slower";
-    if (this.locked) this.say("error", `The ${this.words.control} is locked: what you see is older than ${OLD_MS} ms. Release it to go on.`);
+    const share = speedScale < 1 ? say("{percent} % of the speed", { percent: Math.round(100 * speedScale) }) : say("Slower");
+    if (this.locked) this.say("error", say("The {control} is locked: what you see is older than {OLD_MS} ms. Release it to go on.", { control: this.words.control, OLD_MS }));
     else if (because) this.say("waiting", `${share}: ${because}.`);
-    else if (silent) this.say("waiting", "The robot has braked: no sample reaches it in time.");
-    else this.say("done", `${this.words.doing}${driver ? ` as ${driver}${priority ? `, a ${priority}` : ""}` : ""}.`);
+    else if (silent) this.say("waiting", say("The robot has braked: no sample reaches it in time."));
+    else this.say("done", `${this.words.doing}${driver ? say(" as {driver}{value}", { driver, value: priority ? `, a ${priority}` : "" }) : ""}.`);
   }
 
   /** @returns {number} milliseconds since the older of the robot's state and its picture came, or since neither has */
@@ -110,14 +111,14 @@ export class ByHand {
     this.moved.control.disable();
     this.said.textContent = "";
     this.button.textContent = this.words.begin;
-    if (began) this.say("", this.reason ? `The stream has ended: ${this.reason}.` : this.words.idle);
+    if (began) this.say("", this.reason ? say("The stream has ended: {reason}.", { reason: this.reason }) : this.words.idle);
     else this.explain();
   }
 
   /** Browsers do not say why a WebSocket was refused; the same POST does. */
   async explain() {
     const { problem } = await send("POST", this.moved.action().href, { headers: { Prefer: "dry-run" } });
-    this.say("error", problem ? `${problem.title}. ${problem.detail ?? ""}` : "The stream could not be opened.");
+    this.say("error", problem ? `${problem.title}. ${problem.detail ?? ""}` : say("The stream could not be opened."));
   }
 
   say(state, text) {

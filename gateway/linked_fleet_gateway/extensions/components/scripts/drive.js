@@ -1,9 +1,10 @@
 // Drives a base by hand over a stream of its action drive.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { ByHand } from "./by_hand.js";
 import { Stick } from "./stick.js";
 
-const WORDS = { control: "stick", begin: "Drive", doing: "You drive", idle: "You do not drive." };
+const WORDS = { control: "stick", begin: say("Drive"), doing: say("You drive"), idle: say("You do not drive.") };
 
 export function show(/** @type {HTMLElement} */ section) {
   new Drive(section);
@@ -33,6 +34,6 @@ class Drive {
 
   figures(told) {
     const { linear = 0, angular = 0 } = told.values.twist ?? {};
-    return `${linear.toFixed(2)} m/s, ${angular.toFixed(2)} rad/s`;
+    return say("{linear} m/s, {angular} rad/s", { linear: linear.toFixed(2), angular: angular.toFixed(2) });
   }
 }

@@ -1,16 +1,17 @@
 // Jogs joints or a hand of a robot by held buttons, over a stream of the actions of its component jogging.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { notice } from "../../pages/scripts/src/notice.js";
 import { ByHand } from "./by_hand.js";
 import { HeldButtons } from "./held_buttons.js";
 
-const WORDS = { control: "panel", begin: "Jog", doing: "You jog", idle: "You do not jog." };
+const WORDS = { control: "panel", begin: say("Jog"), doing: say("You jog"), idle: say("You do not jog.") };
 const AXES = { linear: ["x", "y", "z"], angular: ["x", "y", "z"] };
 
 export async function show(/** @type {HTMLElement} */ section) {
   const component = new URL(section.dataset.jog ?? "", document.baseURI);
   const answer = await fetch(component, { headers: { Accept: "application/td+json" } });
-  if (!answer.ok) return notice(`What can be jogged could not be fetched: ${answer.status} ${answer.statusText}`);
+  if (!answer.ok) return notice(say("What can be jogged could not be fetched: {status} {statusText}", { status: answer.status, statusText: answer.statusText }));
   const { actions } = await answer.json();
   new Jog(section, component, actions);
 }
@@ -35,8 +36,8 @@ class Jog {
     this.part(".of-hand").hidden = !this.hand;
     if (!this.hand) return;
     const axes = this.section.querySelector(".axes");
-    for (const axis of AXES.linear) axes.append(row(`Along ${axis}`, `linear ${axis}`));
-    for (const axis of AXES.angular) axes.append(row(`About ${axis}`, `angular ${axis}`));
+    for (const axis of AXES.linear) axes.append(row(say("Along {axis}", { axis }), `linear ${axis}`));
+    for (const axis of AXES.angular) axes.append(row(say("About {axis}", { axis }), `angular ${axis}`));
     for (const name of ["link", "frame"]) {
       this.choice(name).append(...this.hand[name].enum.map((each) => new Option(each, each)));
       this.choice(name).value = this.hand[name].default;
@@ -91,7 +92,7 @@ class Jog {
   }
 
   figures() {
-    return this.control.value().map(([sign, ...name]) => `${name.join("")} ${sign}`).join(", ") || "Nothing is held";
+    return this.control.value().map(([sign, ...name]) => `${name.join("")} ${sign}`).join(", ") || say("Nothing is held");
   }
 }
 

@@ -1,10 +1,11 @@
 // The pages of components that are moved by hand: a stick for a base, buttons for an arm.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { notice } from "../../pages/scripts/src/notice.js";
 
 export function start() {
-  show("[data-drive]", () => import("./drive.js"), "The stick");
-  show("[data-jog]", () => import("./jog.js"), "The panel for jogging");
+  show("[data-drive]", () => import("./drive.js"), say("The stick"));
+  show("[data-jog]", () => import("./jog.js"), say("The panel for jogging"));
 }
 
 function show(selector, load, what) {
@@ -12,6 +13,6 @@ function show(selector, load, what) {
   if (!section) return;
   load().then(
     (made) => made.show(section),
-    (error) => notice(`${what} could not be fetched: ${error.message}`),
+    (error) => notice(say("{what} could not be fetched: {message}", { what, message: error.message })),
   );
 }

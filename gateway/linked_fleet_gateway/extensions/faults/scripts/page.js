@@ -1,6 +1,7 @@
 // Faults on all pages: how many nobody has acknowledged, in the navigation and in the title, and what is wrong on the
 // cards of robots, of which those with trouble come first.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { notice } from "../../pages/scripts/src/notice.js";
 import { parse } from "../../pages/scripts/src/ntriples.js";
 import { adopt, refresh } from "../../pages/scripts/src/region.js";
@@ -80,7 +81,7 @@ function count(link, waiting) {
   mark.hidden = !waiting.length;
   mark.textContent = String(waiting.length);
   mark.dataset.severity = waiting[0]?.severity ?? "";
-  link.title = waiting.length ? `${waiting.length} that nobody has acknowledged` : "";
+  link.title = waiting.length ? say("{length} that nobody has acknowledged", { length: waiting.length }) : "";
 }
 
 /** Write into each card what is wrong, and move those with trouble to the front. */
@@ -98,7 +99,7 @@ function showCards() {
 }
 
 function show(card, own) {
-  const text = own.length > 1 ? `${own[0].title} (and ${own.length - 1} more)` : own[0]?.title ?? "";
+  const text = own.length > 1 ? say("{title} (and {value} more)", { title: own[0].title, value: own.length - 1 }) : own[0]?.title ?? "";
   const line = card.querySelector(".trouble");
   if (line.hidden === Boolean(own.length)) line.hidden = !own.length;
   if (line.textContent === text && line.querySelector("a")?.href === own[0]?.iri) return;

@@ -1,5 +1,7 @@
 // A sound and a notification of the browser for new faults, if the reader has chosen so on the page of faults.
 
+import { say } from "../../pages/scripts/src/say.js";
+
 const CHOICE = "lf-tell-of-faults";
 /** @type {Set<string> | undefined} the faults that were waiting before; undefined until the first news */
 let known;
@@ -24,8 +26,8 @@ export function tell(waiting) {
   if (!fresh.length || localStorage.getItem(CHOICE) !== "on") return;
   beep();
   if (!("Notification" in window) || Notification.permission !== "granted") return;
-  const text = fresh.length > 1 ? `${fresh[0].title} (and ${fresh.length - 1} more)` : fresh[0].title;
-  new Notification("Linked Fleet", { body: text, tag: "lf-faults" });
+  const text = fresh.length > 1 ? say("{title} (and {value} more)", { title: fresh[0].title, value: fresh.length - 1 }) : fresh[0].title;
+  new Notification(say("Linked Fleet"), { body: text, tag: "lf-faults" });
 }
 
 /** Sound for a quarter of a second; browsers allow it once the reader has used the page. */

@@ -1,5 +1,6 @@
 // Several joints of a robot in one chart: their history, followed by live values.
 
+import { say } from "../../pages/scripts/src/say.js";
 import uPlot from "uplot";
 
 import { fetchPast } from "./past.js";
@@ -202,7 +203,7 @@ class Chart {
     this.chart.setData(this.known(), false);
     this.chart.setScale("x", { min: now - this.span, max: now });
     const names = [...this.figure.querySelectorAll("label")].filter((label) => label.querySelector("input:checked"));
-    const text = `${this.quantity} of ${names.map((each) => each.textContent.trim()).join(", ") || "no joint"}, last ${this.span} s`;
+    const text = say("{quantity} of {value}, last {span} s", { quantity: this.quantity, value: names.map((each) => each.textContent.trim()).join(", ") || "no joint", span: this.span });
     if (this.canvas.getAttribute("aria-label") !== text) this.canvas.setAttribute("aria-label", text);
     this.figure.dataset.points = String(this.times.length);
   }

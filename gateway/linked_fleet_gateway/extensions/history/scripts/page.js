@@ -1,5 +1,6 @@
 // The history of measured values in charts and plots, and robots as they were. The code that reads and draws it is fetched when it is needed.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { notice } from "../../pages/scripts/src/notice.js";
 import { provide } from "../../pages/scripts/src/past.js";
 
@@ -18,6 +19,6 @@ export function start() {
   if (!figure) return;
   import("./chart.js").then(
     ({ start }) => start(figure),
-    (error) => notice(`The chart could not be fetched: ${error.message}`),
+    (error) => notice(say("The chart could not be fetched: {message}", { message: error.message })),
   );
 }

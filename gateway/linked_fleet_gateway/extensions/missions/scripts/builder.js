@@ -1,5 +1,6 @@
 // The builder of missions: an outline of steps, the fields of one of them, parameters, and what the gateway says of all.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { send } from "../../pages/scripts/src/request.js";
 import { button, element, field } from "../../pages/scripts/src/elements.js";
 import { fetchActions, fetchRobots } from "../../pages/scripts/src/fleet_offer.js";
@@ -51,8 +52,8 @@ export class Builder {
   async begin(/** @type {string} */ iri) {
     let refusal = "";
     await Promise.all([
-      fetchRobots(this.root).then((found) => (this.robots = found), (error) => (refusal = `The robots cannot be loaded: ${error.message}`)),
-      iri ? this.load(iri).catch((error) => (refusal = `The mission cannot be loaded: ${error.message}`)) : undefined,
+      fetchRobots(this.root).then((found) => (this.robots = found), (error) => (refusal = say("The robots cannot be loaded: {message}", { message: error.message }))),
+      iri ? this.load(iri).catch((error) => (refusal = say("The mission cannot be loaded: {message}", { message: error.message }))) : undefined,
     ]);
     this.build();
     this.render();
@@ -82,19 +83,19 @@ export class Builder {
     holds.addEventListener("change", () => this.edited(() => (this.mission.holds = holds.checked), "holds"));
     this.titleInput = titleInput;
     this.holds = holds;
-    this.undoButton = button("Undo", () => this.undo(), { disabled: true });
-    this.saveButton = button("Save", () => this.save(), { className: "" });
-    const bar = element("p", { className: "buttons" }, button("Check", () => this.check()), button("Rehearse", () => this.rehearse()), this.saveButton, this.undoButton);
+    this.undoButton = button(say("Undo"), () => this.undo(), { disabled: true });
+    this.saveButton = button(say("Save"), () => this.save(), { className: "" });
+    const bar = element("p", { className: "buttons" }, button(say("Check"), () => this.check()), button(say("Rehearse"), () => this.rehearse()), this.saveButton, this.undoButton);
     this.answer = element("output", { className: "answer", role: "status" });
-    const held = element("div", { className: "field" }, element("label", { className: "check" }, holds, " A step that fails lets the run wait for a person"));
-    const head = element("div", { className: "panel builder-head" }, element("div", { className: "fields" }, field("Title of the mission", titleInput), held), bar, this.answer);
+    const held = element("div", { className: "field" }, element("label", { className: "check" }, holds, say(" A step that fails lets the run wait for a person")));
+    const head = element("div", { className: "panel builder-head" }, element("div", { className: "fields" }, field(say("Title of the mission"), titleInput), held), bar, this.answer);
 
     this.outlinePlace = element("div", { className: "outline" });
     this.outline = new Outline(this.outlinePlace, this);
     const kinds = Object.entries(KINDS).map(([type, text]) => button(text, () => this.add(type)));
-    const adding = element("div", { className: "add", role: "group", "aria-label": "Add a step" }, element("span", { className: "hint" }, "Add a step:"), element("p", { className: "buttons" }, ...kinds));
+    const adding = element("div", { className: "add", role: "group", "aria-label": say("Add a step") }, element("span", { className: "hint" }, say("Add a step:")), element("p", { className: "buttons" }, ...kinds));
     this.spoken = element("output", { className: "spoken", role: "status" });
-    const steps = panel("Steps", "steps-title", this.outlinePlace, adding, this.spoken);
+    const steps = panel(say("Steps"), "steps-title", this.outlinePlace, adding, this.spoken);
 
     const editorPlace = element("section", { className: "panel step-editor", "aria-labelledby": "step-title" });
     this.editor = new StepEditor(editorPlace, this);
@@ -104,8 +105,8 @@ export class Builder {
 
     this.parameterPlace = element("div");
     this.runPlace = element("div");
-    this.runPanel = panel("Run", "run-title", this.runPlace);
-    const parts = [head, grid, panel("Parameters", "parameters-title", this.parameterPlace), this.runPanel];
+    this.runPanel = panel(say("Run"), "run-title", this.runPlace);
+    const parts = [head, grid, panel(say("Parameters"), "parameters-title", this.parameterPlace), this.runPanel];
     if (!this.iri) parts.push(this.importPanel());
     this.section.replaceChildren(...parts);
   }
@@ -113,7 +114,7 @@ export class Builder {
   importPanel() {
     const input = element("input", { type: "file", accept: ".xml,application/xml,text/xml" });
     input.addEventListener("change", () => input.files.length && this.importTree(input.files[0]));
-    return panel("Import", "import-title", field("Behavior tree", input, "XML of BehaviorTree.CPP 4. It becomes a mission of its own, which is opened here."));
+    return panel(say("Import"), "import-title", field(say("Behavior tree"), input, say("XML of BehaviorTree.CPP 4. It becomes a mission of its own, which is opened here.")));
   }
 
   /** Show all again. */
@@ -134,15 +135,15 @@ export class Builder {
   renderState() {
     const last = this.undone.at(-1);
     this.undoButton.disabled = !last;
-    this.undoButton.title = last ? `Undo: ${last.what}` : "";
-    this.saveButton.textContent = this.dirty || !this.iri ? "Save" : "Saved";
+    this.undoButton.title = last ? say("Undo: {what}", { what: last.what }) : "";
+    this.saveButton.textContent = this.dirty || !this.iri ? say("Save") : say("Saved");
     this.runPanel.hidden = !this.iri;
     if (!this.iri) return;
-    const page = element("a", { href: this.iri }, "The page of the mission");
+    const page = element("a", { href: this.iri }, say("The page of the mission"));
     if (this.dirty) {
-      this.runPlace.replaceChildren(element("p", {}, "There are unsaved changes. Save them to run the mission. "), element("p", {}, page));
+      this.runPlace.replaceChildren(element("p", {}, say("There are unsaved changes. Save them to run the mission. ")), element("p", {}, page));
     } else if (!this.runPlace.querySelector("details")) {
-      const details = element("details", { className: "action" }, element("summary", {}, "Run the mission"));
+      const details = element("details", { className: "action" }, element("summary", {}, say("Run the mission")));
       details.dataset.include = `${this.iri}/actions/run`;
       this.runPlace.replaceChildren(details, element("p", {}, page));
     }
@@ -165,7 +166,7 @@ export class Builder {
 
   /** Change a value, in the fields of which somebody is writing. Changes of the same one are undone together. */
   edited(change, about) {
-    this.remember(`Change of ${typeof about === "number" ? "a step" : about}`, about);
+    this.remember(say("Change of {value}", { value: typeof about === "number" ? "a step" : about }), about);
     change();
     this.touched();
     if (typeof about === "number") this.marks.delete(about);
@@ -196,11 +197,11 @@ export class Builder {
     this.selected = last.selected;
     this.touched();
     this.render();
-    this.spoken.textContent = `Undone: ${last.what}.`;
+    this.spoken.textContent = say("Undone: {what}.", { what: last.what });
   }
 
   setParameter(parameter, member, value) {
-    this.remember("Change of a parameter", `${member} of a parameter`);
+    this.remember(say("Change of a parameter"), say("{member} of a parameter", { member }));
     if (member === "name") rename(this.mission, parameter.name, value);
     if (member === "type") for (const each of ["minimum", "maximum", "options", "default"]) delete parameter[each];
     if (value === undefined) delete parameter[member];
@@ -233,8 +234,8 @@ export class Builder {
       if (holdsSteps(node)) insert(node, node.below.length, made);
       else insert(parent, parent.below.indexOf(node) + 1, made);
       this.selected = made.id;
-    }, `Add: ${KINDS[type]}`);
-    this.spoken.textContent = `Added. ${placeInWords(this.mission.root, made.id)}`;
+    }, say("Add: {value}", { value: KINDS[type] }));
+    this.spoken.textContent = say("Added. {placeInWords}", { placeInWords: placeInWords(this.mission.root, made.id) });
     if (NARROW.matches) this.editor.place.scrollIntoView({ block: "start" });
   }
 
@@ -244,7 +245,7 @@ export class Builder {
   }
 
   moveTo(id, parent, index) {
-    this.remember("Move of a step");
+    this.remember(say("Move of a step"));
     if (!move(this.mission.root, id, parent, index)) {
       this.undone.pop();
       return;
@@ -262,7 +263,7 @@ export class Builder {
     this.changed(() => {
       insert(parent, parent.below.indexOf(node) + 1, copy);
       this.selected = copy.id;
-    }, "Duplicate");
+    }, say("Duplicate"));
     this.outline.focus(copy.id);
   }
 
@@ -273,9 +274,9 @@ export class Builder {
     this.changed(() => {
       remove(this.mission.root, id);
       this.selected = (parent.below[index] ?? parent.below[index - 1] ?? parent).id;
-    }, "Delete of a step");
+    }, say("Delete of a step"));
     this.outline.focus(this.selected);
-    this.spoken.textContent = "The step is deleted. Undo brings it back.";
+    this.spoken.textContent = say("The step is deleted. Undo brings it back.");
   }
 
   // -- what the fleet offers ----------------------------------------------------------------------------------------
@@ -302,7 +303,7 @@ export class Builder {
   async request(method, iri, headers = {}) {
     const body = JSON.stringify(jsonOf(this.mission));
     this.section.setAttribute("aria-busy", "true");
-    this.tell("waiting", "Asking…");
+    this.tell("waiting", say("Asking…"));
     const got = await send(method, iri, { body, headers: { "Content-Type": JSON_TYPE, ...headers } });
     this.section.removeAttribute("aria-busy");
     this.marks.clear();
@@ -330,14 +331,14 @@ export class Builder {
     if (first !== undefined) this.selected = first;
     this.render();
     const count = (problem.findings ?? []).length;
-    this.tell("error", element("strong", {}, problem.title), ` ${problem.detail}${count > 1 ? ` ${count} errors are shown at their steps and parameters.` : ""}`);
+    this.tell("error", element("strong", {}, problem.title), ` ${problem.detail}${count > 1 ? say(" {count} errors are shown at their steps and parameters.", { count }) : ""}`);
   }
 
   async check() {
     const { problem } = await this.request("POST", this.missions, { Prefer: "dry-run" });
     if (problem) return;
     this.render();
-    this.tell("done", "No errors were found.");
+    this.tell("done", say("No errors were found."));
   }
 
   async rehearse() {
@@ -349,20 +350,20 @@ export class Builder {
     this.render();
     this.view.rehearsed(steps);
     const left = steps.filter(({ reason }) => reason).length;
-    const parts = [element("strong", {}, "It would work; nothing has moved."), ` It would take ${seconds.toFixed(1)} s. ${steps.length - left} of ${steps.length} actions are rehearsed.`];
-    if (this.mission.parameters.length) parts.push(" Parameters had their defaults, or a value in their range.");
+    const parts = [element("strong", {}, say("It would work; nothing has moved.")), say(" It would take {seconds} s. {value} of {length} actions are rehearsed.", { seconds: seconds.toFixed(1), value: steps.length - left, length: steps.length })];
+    if (this.mission.parameters.length) parts.push(say(" Parameters had their defaults, or a value in their range."));
     this.tell("rehearsed", ...parts);
   }
 
   async save() {
     if (!this.mission.title) {
-      this.tell("error", "A mission has a title.");
+      this.tell("error", say("A mission has a title."));
       return this.titleInput.focus();
     }
     const { iri } = this;
     const got = iri ? await this.request("PUT", iri, { "If-Match": this.tag }) : await this.request("POST", this.missions);
     if (got.problem) {
-      if (got.status === 412) this.answer.append(element("p", { className: "buttons" }, button("Load it as it is now", () => this.reload()), button("Save this as another mission", () => this.saveCopy())));
+      if (got.status === 412) this.answer.append(element("p", { className: "buttons" }, button(say("Load it as it is now"), () => this.reload()), button(say("Save this as another mission"), () => this.saveCopy())));
       return;
     }
     await this.saved(iri || got.location);
@@ -377,7 +378,7 @@ export class Builder {
     this.runPlace.replaceChildren();
     this.section.querySelector("[aria-labelledby=import-title]")?.remove();
     this.render();
-    this.tell("done", "Saved.");
+    this.tell("done", say("Saved."));
   }
 
   async saveCopy() {
@@ -392,14 +393,14 @@ export class Builder {
       this.marks.clear();
       this.runPlace.replaceChildren();
       this.render();
-      this.tell("done", "This is the mission as it is now.");
+      this.tell("done", say("This is the mission as it is now."));
     } catch (error) {
-      this.tell("error", `The mission cannot be loaded: ${error.message}`);
+      this.tell("error", say("The mission cannot be loaded: {message}", { message: error.message }));
     }
   }
 
   async importTree(/** @type {File} */ file) {
-    this.tell("waiting", "Asking…");
+    this.tell("waiting", say("Asking…"));
     const { problem, location: made } = await send("POST", this.missions, { body: await file.text(), headers: { "Content-Type": TREE_TYPE } });
     if (problem) return this.tell("error", element("strong", {}, problem.title), ` ${problem.detail}`);
     await this.load(made);

@@ -1,5 +1,7 @@
 // A mission as it is edited: its steps as nodes that know no page. Each operation changes the nodes in place.
 
+import { say } from "../../pages/scripts/src/say.js";
+
 /**
  * @typedef {object} Node
  * @property {number} id tells nodes apart while they are edited
@@ -11,14 +13,14 @@
  */
 
 export const KINDS = {
-  invoke: "Do an action",
-  sequence: "One after the other",
-  parallel: "At the same time",
-  firstOf: "The first that succeeds",
-  repeat: "Repeat",
-  wait: "Wait",
-  confirm: "Ask a person",
-  notify: "Tell people",
+  invoke: say("Do an action"),
+  sequence: say("One after the other"),
+  parallel: say("At the same time"),
+  firstOf: say("The first that succeeds"),
+  repeat: say("Repeat"),
+  wait: say("Wait"),
+  confirm: say("Ask a person"),
+  notify: say("Tell people"),
 };
 const BRANCHES = ["sequence", "parallel", "firstOf"];
 const FRESH = { wait: { seconds: 1 }, repeat: { times: 2 }, confirm: { text: "" }, notify: { text: "" } };

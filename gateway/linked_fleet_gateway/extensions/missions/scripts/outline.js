@@ -1,5 +1,6 @@
 // The outline of a mission: nested lists of steps, which are moved by pointer and by keys.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { button, element } from "../../pages/scripts/src/elements.js";
 import { KINDS, find, holdsSteps, placeFor, walk } from "./mission_tree.js";
 import { summary } from "./summary.js";
@@ -21,7 +22,7 @@ export class Outline {
 
   render() {
     const { mission } = this.builder;
-    this.place.replaceChildren(element("ol", { className: "steps", "aria-label": "Steps" }, this.item(mission.root, "0")));
+    this.place.replaceChildren(element("ol", { className: "steps", "aria-label": say("Steps") }, this.item(mission.root, "0")));
   }
 
   item(node, path) {
@@ -30,7 +31,7 @@ export class Outline {
     const isRoot = path === "0";
     const press = button("", () => this.builder.select(node.id), { className: "quiet step", "aria-pressed": String(selected === node.id) });
     press.append(element("span", { className: "kind" }, KINDS[node.type]), " ", element("bdi", {}, summary(node)));
-    const row = element("div", { className: "step-row" }, !isRoot && element("span", { className: "grip", "aria-hidden": "true", title: "Drag it elsewhere" }, "⠿"), press);
+    const row = element("div", { className: "step-row" }, !isRoot && element("span", { className: "grip", "aria-hidden": "true", title: say("Drag it elsewhere") }, "⠿"), press);
     if (note) row.append(element("small", { className: "note" }, note));
     for (const each of errors) row.append(element("small", { className: "error" }, each));
     if (errors.length) row.dataset.wrong = "";
@@ -38,7 +39,7 @@ export class Outline {
     item.dataset.id = String(node.id);
     if (holdsSteps(node)) {
       const below = node.below.map((each, index) => this.item(each, `${path}.${index}`));
-      item.append(below.length ? element("ol", {}, ...below) : element("p", { className: "empty" }, "No step yet."));
+      item.append(below.length ? element("ol", {}, ...below) : element("p", { className: "empty" }, say("No step yet.")));
     }
     return item;
   }
@@ -122,11 +123,11 @@ export class Outline {
 export function stepButtons(/** @type {import("./builder.js").Builder} */ builder, /** @type {number} */ id) {
   const { root } = builder.mission;
   const bar = element("p", { className: "buttons step-buttons" });
-  const ways = { up: "Up", down: "Down", out: "Out", in: "In" };
+  const ways = { up: say("Up"), down: say("Down"), out: say("Out"), in: say("In") };
   for (const [way, text] of Object.entries(ways)) {
-    bar.append(button(text, () => builder.shift(id, way), { disabled: !placeFor(root, id, /** @type {any} */ (way)), "aria-label": `Move the step ${text.toLowerCase()}`, title: `Alt and the arrow keys do so in the outline` }));
+    bar.append(button(text, () => builder.shift(id, way), { disabled: !placeFor(root, id, /** @type {any} */ (way)), "aria-label": say("Move the step {text}", { text: text.toLowerCase() }), title: say("Alt and the arrow keys do so in the outline") }));
   }
-  if (id !== root.id) bar.append(button("Duplicate", () => builder.duplicate(id)), button("Delete", () => builder.drop(id), { className: "danger" }));
+  if (id !== root.id) bar.append(button(say("Duplicate"), () => builder.duplicate(id)), button(say("Delete"), () => builder.drop(id), { className: "danger" }));
   return bar;
 }
 
@@ -134,5 +135,5 @@ export function stepButtons(/** @type {import("./builder.js").Builder} */ builde
 export function placeInWords(/** @type {import("./mission_tree.js").Node} */ root, /** @type {number} */ id) {
   const { node, parent } = find(root, id);
   if (!parent) return "";
-  return `Step ${parent.below.indexOf(node) + 1} of ${parent.below.length} in ${KINDS[parent.type]}, of ${[...walk(root)].length - 1} steps.`;
+  return say("Step {value} of {length} in {value2}, of {value22} steps.", { value: parent.below.indexOf(node) + 1, length: parent.below.length, value2: KINDS[parent.type], value22: [...walk(root)].length - 1 });
 }

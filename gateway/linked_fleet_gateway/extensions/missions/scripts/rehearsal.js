@@ -1,5 +1,6 @@
 // What a rehearsal says of each step, and the motions of a robot as a path that a ghost follows.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { positionsIn } from "../../pages/scripts/src/targets.js";
 import { NUMERICAL_VALUE, RDF_TYPE, lf, localName } from "../../pages/scripts/src/vocabulary.js";
 
@@ -22,7 +23,7 @@ function stepIn(graph, node) {
     path: graph.value(node, lf("stepPath"))?.value ?? "",
     seconds: secondsOf(graph, node),
     reason: graph.value(node, lf("reason"))?.value ?? "",
-    free: free === "true" ? "free" : free === undefined ? "" : "its way is not checked for collisions",
+    free: free === "true" ? "free" : free === undefined ? "" : say("its way is not checked for collisions"),
     joints: positionsIn(graph, node),
   };
 }
@@ -35,7 +36,7 @@ function secondsOf(graph, node) {
 /** Return a step of a rehearsal in words. */
 export function noteOf(/** @type {StepRehearsal[]} */ steps) {
   const why = steps.find(({ reason }) => reason)?.reason;
-  if (why) return `not rehearsed: ${why}`;
+  if (why) return say("not rehearsed: {why}", { why });
   const [{ free }] = steps;
   const each = steps.map(({ seconds }) => `${seconds.toFixed(1)} s`);
   return [each.length > 2 ? `${each[0]}, … ${each.at(-1)}` : each.join(", "), free].filter(Boolean).join(", ");

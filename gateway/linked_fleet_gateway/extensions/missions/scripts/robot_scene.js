@@ -1,5 +1,6 @@
 // The robot of a step in 3D beside the outline, as its page draws it, with the path that a rehearsal has found.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { drawing, ghost } from "../../pages/scripts/src/ghost.js";
 import { drawScene, sceneOf } from "../../pages/scripts/src/other_scene.js";
 import { playBar } from "../../pages/scripts/src/planned_path.js";

@@ -1,5 +1,6 @@
 // What a step says: the fields of its kind, and for an action the form that is made of its shape.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { fetchInput, fill, hasFields, markField, offerVariables, read } from "../../pages/scripts/src/action_input.js";
 import { button, choice, element, field } from "../../pages/scripts/src/elements.js";
 import { homeOf } from "./mission_offer.js";
@@ -28,7 +29,7 @@ export class StepEditor {
     const isRoot = node === this.builder.mission.root;
     const title = element("h2", { id: "step-title" }, KINDS[node.type]);
     const fields = element("div", { className: "fields" }, ...this.fields(node));
-    const own = isRoot ? [] : [this.text("Name", "name", "Steps refer to its result by it: letters, digits and _", { pattern: NAME }), this.text("Title", "title", "for people")];
+    const own = isRoot ? [] : [this.text(say("Name"), "name", say("Steps refer to its result by it: letters, digits and _"), { pattern: NAME }), this.text(say("Title"), "title", say("for people"))];
     this.input = element("div", { className: "input" });
     const parts = [title, stepButtons(this.builder, node.id), this.input, fields];
     if (own.length) parts.push(element("div", { className: "fields own" }, ...own));
@@ -38,11 +39,11 @@ export class StepEditor {
   }
 
   fields(node) {
-    if (BRANCHES.includes(node.type)) return [this.kind(), ...(node.type === "parallel" ? [this.check("One that succeeds is enough", "anySuffices")] : [])];
-    if (node.type === "repeat") return [this.number("Times", "times", { min: "1", max: "1000", step: "1" })];
+    if (BRANCHES.includes(node.type)) return [this.kind(), ...(node.type === "parallel" ? [this.check(say("One that succeeds is enough"), "anySuffices")] : [])];
+    if (node.type === "repeat") return [this.number(say("Times"), "times", { min: "1", max: "1000", step: "1" })];
     if (node.type === "wait") return this.wait(node);
-    if (node.type === "confirm") return [this.area("Question", "text", "The run waits until somebody answers yes or no.")];
-    return node.type === "notify" ? [this.area("Message", "text", "Everybody who watches the run sees it.")] : [];
+    if (node.type === "confirm") return [this.area(say("Question"), "text", say("The run waits until somebody answers yes or no."))];
+    return node.type === "notify" ? [this.area(say("Message"), "text", say("Everybody who watches the run sees it."))] : [];
   }
 
   kind() {
@@ -50,22 +51,22 @@ export class StepEditor {
     made.addEventListener("change", () => this.builder.changed(() => {
       this.node.type = made.value;
       if (made.value !== "parallel") delete this.node.said.anySuffices;
-    }, "Change of the kind"));
-    return field("Its steps run", made);
+    }, say("Change of the kind")));
+    return field(say("Its steps run"), made);
   }
 
   wait(node) {
     const { said } = node;
     const now = said.condition !== undefined ? "condition" : said.until !== undefined ? "until" : "seconds";
-    const made = choice([["seconds", "for a time"], ["until", "until an instant"], ["condition", "until a query has an answer"]], now);
+    const made = choice([["seconds", say("for a time")], ["until", say("until an instant")], ["condition", say("until a query has an answer")]], now);
     made.addEventListener("change", () => this.builder.changed(() => {
       for (const each of ["seconds", "until", "condition", "within"]) delete said[each];
       said[made.value] = made.value === "seconds" ? 1 : "";
-    }, "Change of the wait"));
-    const chosen = field("Wait", made);
-    if (now === "seconds") return [chosen, this.number("Seconds", "seconds", { min: "0", step: "any" })];
-    if (now === "until") return [chosen, this.text("Instant", "until", "such as 2026-11-29T20:00:00Z")];
-    return [chosen, this.area("SPARQL SELECT", "condition", "as conditions of rules"), this.number("Fails after seconds", "within", { min: "0", step: "any" })];
+    }, say("Change of the wait")));
+    const chosen = field(say("Wait"), made);
+    if (now === "seconds") return [chosen, this.number(say("Seconds"), "seconds", { min: "0", step: "any" })];
+    if (now === "until") return [chosen, this.text(say("Instant"), "until", say("such as 2026-11-29T20:00:00Z"))];
+    return [chosen, this.area("SPARQL SELECT", "condition", say("as conditions of rules")), this.number(say("Fails after seconds"), "within", { min: "0", step: "any" })];
   }
 
   // -- fields of one member -----------------------------------------------------------------------------------------
@@ -108,10 +109,10 @@ export class StepEditor {
 
   invoke(turn) {
     const { said } = this.node;
-    if (said.kind || said.triples) return this.raw("This step says more than this page has fields for.");
+    if (said.kind || said.triples) return this.raw(say("This step says more than this page has fields for."));
     const { root, missions, robots } = this.builder;
     const home = said.action ? homeOf(said.action, root, missions) : this.builder.lastRobot;
-    const things = [["", "–"], ...robots.map(({ iri, title }) => [iri, title]), [root, "The fleet"], [missions, "Another mission"]];
+    const things = [["", "–"], ...robots.map(({ iri, title }) => [iri, title]), [root, say("The fleet")], [missions, say("Another mission")]];
     if (home && !things.some(([iri]) => iri === home)) things.push([home, home]);
     const robot = choice(/** @type {any} */ (things), home ?? "");
     const action = element("select", { disabled: true });
@@ -130,23 +131,23 @@ export class StepEditor {
     });
     action.dataset.said = "action";
     this.formPlace = element("div", { className: "action-form" });
-    this.input.append(element("div", { className: "fields" }, field("Robot", robot), field("Action", action)), this.formPlace);
+    this.input.append(element("div", { className: "fields" }, field(say("Robot"), robot), field(say("Action"), action)), this.formPlace);
     this.offer(action, robot.value, turn);
     if (said.action) this.showForm(turn);
   }
 
   async offer(select, home, turn) {
     select.disabled = true;
-    select.replaceChildren(new Option(home ? "…" : "choose a robot first", ""));
+    select.replaceChildren(new Option(home ? "…" : say("choose a robot first"), ""));
     if (!home) return;
     try {
       const offered = await this.builder.offeredBy(home);
       if (turn !== this.shown) return;
-      select.replaceChildren(new Option("choose one", ""), ...grouped(offered));
+      select.replaceChildren(new Option(say("choose one"), ""), ...grouped(offered));
     } catch (error) {
       if (turn !== this.shown) return;
-      select.replaceChildren(new Option("none could be loaded", ""));
-      this.formPlace.replaceChildren(wrong(`The actions cannot be loaded: ${error.message}`), button("Try again", () => this.offer(select, home, this.shown)));
+      select.replaceChildren(new Option(say("none could be loaded"), ""));
+      this.formPlace.replaceChildren(wrong(say("The actions cannot be loaded: {message}", { message: error.message })), button(say("Try again"), () => this.offer(select, home, this.shown)));
     }
     const { action } = this.node.said;
     if (action && ![...select.options].some(({ value }) => value === action)) select.add(new Option(nameOf(action), action));
@@ -162,14 +163,14 @@ export class StepEditor {
     try {
       form = await fetchInput(action);
     } catch (error) {
-      if (turn === this.shown && this.node.said.action === action) this.raw(`The form of this action cannot be loaded: ${error.message}`);
+      if (turn === this.shown && this.node.said.action === action) this.raw(say("The form of this action cannot be loaded: {message}", { message: error.message }));
       return;
     }
     if (turn !== this.shown || this.node.said.action !== action) return;
     this.builder.look(action);
-    if (!hasFields(form)) return this.formPlace.replaceChildren(element("p", { className: "hint" }, "It takes no input."));
+    if (!hasFields(form)) return this.formPlace.replaceChildren(element("p", { className: "hint" }, say("It takes no input.")));
     this.form = form;
-    form.setAttribute("aria-label", `Input of ${nameOf(action)}`);
+    form.setAttribute("aria-label", say("Input of {nameOf}", { nameOf: nameOf(action) }));
     this.formPlace.replaceChildren(form);
     fill(form, body ?? {});
     this.offerVariables();
@@ -209,11 +210,11 @@ export class StepEditor {
         error.hidden = true;
         for (const [name, value] of Object.entries({ action, kind, of, body, triples })) this.say(name, value);
       } catch (problem) {
-        error.textContent = `This is no JSON: ${problem.message}`;
+        error.textContent = say("This is no JSON: {message}", { message: problem.message });
         error.hidden = false;
       }
     });
-    (this.formPlace ?? this.input).replaceChildren(element("p", { className: "hint" }, why), field("Step in JSON", area, "its members action, kind, of, body and triples"), error);
+    (this.formPlace ?? this.input).replaceChildren(element("p", { className: "hint" }, why), field(say("Step in JSON"), area, say("its members action, kind, of, body and triples")), error);
   }
 
   /** Show the errors of the step at its fields, and all others above them. */

@@ -1,5 +1,6 @@
 // A step in a few words.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { localName, segments, unitSymbol, words } from "../../pages/scripts/src/vocabulary.js";
 
 const MOST = 80;
@@ -12,10 +13,10 @@ export function summary(/** @type {import("./mission_tree.js").Node} */ { type, 
 }
 
 function invocation({ action = "", kind = "", of, body }) {
-  if (!action && !kind) return "no action chosen";
+  if (!action && !kind) return say("no action chosen");
   const told = Object.entries(body ?? {}).filter(([, value]) => typeof value !== "object" || value?.variable).slice(0, 3).map(([name, value]) => valueIn(name, value));
   const at = typeof of === "object" ? of.variable : localName(of ?? "");
-  return [action ? nameOf(action) : `${words(localName(kind))} of ${at}`, told.join(" ")].filter(Boolean).join(", ");
+  return [action ? nameOf(action) : say("{words} of {at}", { words: words(localName(kind)), at }), told.join(" ")].filter(Boolean).join(", ");
 }
 
 /** `…/ur5/elbow_joint/actions/rotate` is "rotate elbow_joint of ur5". */
@@ -24,8 +25,8 @@ export function nameOf(/** @type {string} */ action) {
   const at = found.indexOf("actions");
   const [robot, ...part] = found.slice(0, Math.max(at, 0));
   const name = words(found.at(-1) ?? "");
-  if (robot === "missions") return "run another mission";
-  return part.length ? `${name} ${part.join(" ")} of ${robot}` : robot ? `${name}, ${robot}` : name;
+  if (robot === "missions") return say("run another mission");
+  return part.length ? say("{name} {part} of {robot}", { name, part: part.join(" "), robot }) : robot ? `${name}, ${robot}` : name;
 }
 
 function valueIn(name, value) {
@@ -36,16 +37,16 @@ function valueIn(name, value) {
 }
 
 function repeat({ times }) {
-  return `${times} times`;
+  return say("{times} times", { times });
 }
 
 function several({ anySuffices }) {
-  return anySuffices ? "one is enough" : "";
+  return anySuffices ? say("one is enough") : "";
 }
 
 function wait({ seconds, until, condition }) {
-  if (until) return `until ${until}`;
-  return condition ? `until ${condition.replace(/\s+/g, " ").slice(0, MOST)}` : `${seconds ?? ""} s`;
+  if (until) return say("until {until}", { until });
+  return condition ? say("until {value}", { value: condition.replace(/\s+/g, " ").slice(0, MOST) }) : `${seconds ?? ""} s`;
 }
 
 function textOf({ text = "" }) {

@@ -35,14 +35,59 @@ const ofExtensions = {
   },
 };
 
+// What scripts say, in each language other than English: a script of its own, which pages load before the others.
+const SAID = /(?<![\w.$])(?:say|message)\(\s*("(?:[^"\\]|\\.)*")/g;
+const MOST_OF_A_WORD = 40; // states and actions, which scripts say as they come
+const translations = {};
+const said = new Set();
+for (const folder of folders) {
+  const source = path.basename(path.dirname(folder)) === "pages" ? path.join(folder, "src") : folder;
+  const files = existsSync(source) ? (await readdir(source)).filter((each) => each.endsWith(".js")) : [];
+  for (const file of files) {
+    for (const [, text] of (await readFile(path.join(source, file), "utf8")).matchAll(SAID)) said.add(JSON.parse(text));
+  }
+  const languages = path.join(folder, "..", "languages");
+  for (const file of existsSync(languages) ? await readdir(languages) : []) {
+    const read = JSON.parse(await readFile(path.join(languages, file), "utf8"));
+    Object.assign((translations[path.basename(file, ".json")] ??= {}), read);
+  }
+}
+// Labels of terms, which the vocabulary has in each language.
+const LABELS = /rdfs:label "([^"]*)" , "([^"]*)"@(\w+)/g;
+const shapes = path.join(extensions, "..", "..", "..", "shapes", "linked_fleet_shapes");
+for (const file of [shapes, ...folders.map((each) => path.join(each, ".."))].map((each) => path.join(each, "vocabulary.ttl"))) {
+  for (const [, english, text, language] of existsSync(file) ? (await readFile(file, "utf8")).matchAll(LABELS) : []) {
+    const inside = /^[A-Z][a-z]/.test(english) ? english[0].toLowerCase() + english.slice(1) : english;
+    (translations[language] ??= {})[inside] ??= text;
+  }
+}
+const isSaid = (text) => said.has(text) || (text.length <= MOST_OF_A_WORD && /^[a-z][\w ]*$/.test(text));
+
+/** Resolves "messages-de" to the script that has the German messages. */
+const ofLanguages = {
+  name: "languages",
+  setup({ onResolve, onLoad }) {
+    onResolve({ filter: /^messages-/ }, (found) => ({ path: found.path, namespace: "languages" }));
+    onLoad({ filter: /./, namespace: "languages" }, (found) => {
+      const all = Object.entries(translations[found.path.replace("messages-", "")]).filter(([text]) => isSaid(text));
+      return { contents: `globalThis.linkedFleetMessages = ${JSON.stringify(Object.fromEntries(all.sort()))};` };
+    });
+  },
+};
+
 await rm(assets, { recursive: true, force: true });
 await mkdir(assets, { recursive: true });
 
 const result = await build({
   absWorkingDir: here,
   nodePaths: [path.join(here, "node_modules")],
-  plugins: [ofExtensions],
-  entryPoints: { page: "src/page.js", style: "src/style.css", icon: "src/icon.svg" },
+  plugins: [ofExtensions, ofLanguages],
+  entryPoints: {
+    page: "src/page.js",
+    style: "src/style.css",
+    icon: "src/icon.svg",
+    ...Object.fromEntries(Object.keys(translations).map((each) => [`messages-${each}`, `messages-${each}`])),
+  },
   loader: { ".svg": "copy" },
   bundle: true,
   splitting: true,
@@ -59,7 +104,7 @@ const result = await build({
 
 const manifest = {};
 for (const [output, { entryPoint }] of Object.entries(result.metafile.outputs)) {
-  if (entryPoint) manifest[path.basename(entryPoint)] = path.basename(output);
+  if (entryPoint) manifest[path.basename(entryPoint).replace("languages:", "")] = path.basename(output);
 }
 await writeFile(path.join(assets, "manifest.json"), JSON.stringify(manifest, null, 1));
 

@@ -142,7 +142,7 @@ def test_the_table_works_without_scripts(client: Browser, chromium: Chromium) ->
         page.get_by_label("Search").fill("panda")
         page.get_by_role("button", name="Filter").click()
         expect(page.locator("table.fleet tbody tr")).to_have_count(1)
-        page.get_by_role("link", name="Link", exact=True).click()
+        page.get_by_role("link", name="Connection", exact=True).click()
         expect(page).to_have_url(client.root + "?view=table&sort=link&text=panda")
         expect(page.locator("table.fleet tbody tr")).to_have_count(1)
 

@@ -54,7 +54,7 @@ def test_heads_link_the_other_direction_and_keep_the_filter() -> None:
     heads = {each.title: each for each in read_choice("view=table&sort=battery&tag=hall 3&page=2").heads()}
     assert [each.sorted for each in heads.values() if each.sorted] == ["ascending"]
     assert heads["Battery"].href == "/?view=table&sort=battery&order=descending&tag=hall+3"
-    assert heads["Link"].href == "/?view=table&sort=link&tag=hall+3"
+    assert heads["Connection"].href == "/?view=table&sort=link&tag=hall+3"
 
 
 @pytest.mark.parametrize(

@@ -56,7 +56,10 @@ def pages(browser: Browser) -> dict[str, Element]:
     turning = browser.part("ur5", "elbow_joint")
     held = browser.http.post(browser.action(turning, LF.Hold), headers={"prefer": "return=minimal"})
     assert held.is_success, held.text
-    return walked(browser) | walked_from(browser, f"{turning.url}/actions/hold/invocations")
+    link = browser.part("ur5", "tool0").url
+    return (
+        walked(browser) | walked_from(browser, f"{turning.url}/actions/hold/invocations") | walked_from(browser, link)
+    )
 
 
 def walked_from(browser: Browser, url: str) -> dict[str, Element]:

@@ -1,5 +1,6 @@
 // Control from hand to hand: who lacks it asks for it on the page of the robot, and who has it hands it over or refuses.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { giveUp, keep, proof } from "../../pages/scripts/src/control.js";
 import { statements } from "../../pages/scripts/src/ntriples.js";
 import { apply } from "../../pages/scripts/src/presence.js";
@@ -31,28 +32,28 @@ async function look(/** @type {HTMLElement} */ place, /** @type {Control} */ con
     if (state === "controlGranted") {
       localStorage.removeItem(ASKED + control.lease);
       keep(control.lease, mine.token);
-      show(place, `${of(mine.request, "answeredBy")} has handed control over to you.`, []);
+      show(place, say("{of} has handed control over to you.", { of: of(mine.request, "answeredBy") }), []);
       control.look();
     } else if (state === "controlRefused") {
       localStorage.removeItem(ASKED + control.lease);
-      show(place, `${of(mine.request, "answeredBy")} keeps control.`, []);
+      show(place, say("{of} keeps control.", { of: of(mine.request, "answeredBy") }), []);
     } else if (control.state !== "held") withdraw(place, control, mine);
-    else show(place, `You have asked ${control.holder} for control.`, [["Withdraw", () => withdraw(place, control, mine)]]);
+    else show(place, say("You have asked {holder} for control.", { holder: control.holder }), [[say("Withdraw"), () => withdraw(place, control, mine)]]);
     return;
   }
   if (mine) {
     localStorage.removeItem(ASKED + control.lease);
-    show(place, "Nobody has answered. You may ask again.", []);
+    show(place, say("Nobody has answered. You may ask again."), []);
     return;
   }
   if (control.mine && waiting.length) {
     const [first] = waiting;
-    show(place, `${of(first, "asker")} asks for control.`, [
-      ["Hand over", () => answer(place, control, first, "handOver")],
-      ["Refuse", () => answer(place, control, first, "refuse")],
+    show(place, say("{of} asks for control.", { of: of(first, "asker") }), [
+      [say("Hand over"), () => answer(place, control, first, "handOver")],
+      [say("Refuse"), () => answer(place, control, first, "refuse")],
     ]);
   } else if (control.state === "held" && !control.mine) {
-    show(place, place.querySelector(".asking p")?.textContent ?? "", [["Ask for control", () => ask(place, control, robot, requests)]]);
+    show(place, place.querySelector(".asking p")?.textContent ?? "", [[say("Ask for control"), () => ask(place, control, robot, requests)]]);
   } else show(place, "", []);
 }
 

@@ -1,5 +1,6 @@
 // Queries with their results beside the editor: the page of results is fetched, and its section shown here.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { notice } from "../../pages/scripts/src/notice.js";
 
 const LONGEST_URL = 6000;
@@ -70,7 +71,7 @@ export async function solutions(area, endpoint) {
     return document.importNode(fresh, true);
   } catch (error) {
     if (mine === latest) {
-      notice(`The query was not answered: ${error.message}`);
+      notice(say("The query was not answered: {message}", { message: error.message }));
       document.getElementById("results")?.removeAttribute("aria-busy");
     }
     return undefined;
@@ -90,7 +91,7 @@ function offerChart() {
   /** @type {HTMLTableElement | null} */
   const table = results.querySelector("table.solutions");
   if (!table || table.tBodies[0].rows.length < 2 || !results.querySelector(NUMBERS)) return;
-  const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: "Chart" });
+  const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: say("Chart") });
   button.setAttribute("aria-pressed", "false");
   button.addEventListener("click", async () => {
     const drawn = results.querySelector("figure.chart");

@@ -1,5 +1,6 @@
 // A chart of the numbers in a table of solutions, above its rows.
 
+import { say } from "../../pages/scripts/src/say.js";
 import uPlot from "uplot";
 
 import { number } from "../../pages/scripts/src/format.js";
@@ -24,7 +25,7 @@ export function draw(table, place) {
   figure.className = "chart";
   const canvas = figure.appendChild(Object.assign(document.createElement("div"), { className: "canvas" }));
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", `${series.map(({ name }) => name).join(", ")} over ${rows.length} rows`);
+  canvas.setAttribute("aria-label", say("{value} over {length} rows", { value: series.map(({ name }) => name).join(", "), length: rows.length }));
   figure.append(legend(series));
   place(figure);
   const { clientWidth: width, clientHeight: height } = canvas;
@@ -57,7 +58,7 @@ function valueOf(cell) {
 
 function legend(series) {
   const fieldset = document.createElement("fieldset");
-  fieldset.setAttribute("aria-label", "Columns");
+  fieldset.setAttribute("aria-label", say("Columns"));
   for (const [index, { name }] of series.entries()) {
     const label = fieldset.appendChild(document.createElement("label"));
     const swatch = document.createElement("i");

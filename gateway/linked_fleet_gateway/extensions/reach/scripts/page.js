@@ -1,5 +1,6 @@
 // The form of `reach`: it follows the pose of the tip until a target is set, which can be dragged in the scene.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { drawing, ghost } from "../../pages/scripts/src/ghost.js";
 import { targetsIn } from "../../pages/scripts/src/motion.js";
 import { applyLimits } from "../../pages/scripts/src/limits.js";
@@ -46,7 +47,7 @@ class Reach {
 
   /** Buttons for dragging the position or the orientation, which is only requested if it was changed. */
   offer() {
-    const modes = [["translate", "Drag the position"], ["rotate", "Turn it"], ["free", "As it comes"]];
+    const modes = [["translate", say("Drag the position")], ["rotate", say("Turn it")], ["free", say("As it comes")]];
     const button = ([mode, text]) => {
       const made = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: text });
       made.onclick = () => this.mode(mode);

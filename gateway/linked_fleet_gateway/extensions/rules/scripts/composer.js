@@ -1,6 +1,7 @@
 // A rule without SPARQL: when a value of a robot passes a number for a time, then an action. It writes the fields of the
 // form of the rule, which are those that are sent.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { fetchInput, hasFields } from "../../pages/scripts/src/action_input.js";
 import { button, choice, element, field } from "../../pages/scripts/src/elements.js";
 import { fetchActions, fetchRobots, select } from "../../pages/scripts/src/fleet_offer.js";
@@ -13,7 +14,7 @@ const HYBRIT = "https://hybr-it-projekt.de/ns/hybr-it#";
 const QUDT = "http://qudt.org/schema/qudt/";
 const OBSERVABLE = "http://www.w3.org/ns/sosa/ObservableProperty";
 const NUMBER = /^[-+]?(\d+([.]\d+)?|[.]\d+)(e[-+]?\d+)?$/i;
-const COMPARISONS = [[">", "is above"], ["<", "is below"], [">=", "is at least"], ["<=", "is at most"], ["=", "is"], ["!=", "is not"]];
+const COMPARISONS = [[">", say("is above")], ["<", say("is below")], [">=", say("is at least")], ["<=", say("is at most")], ["=", say("is")], ["!=", say("is not")]];
 const DEGREES = 180 / Math.PI;
 
 /** @typedef {{thing: string, path: string[], unit: string, name: string, text: boolean}} Measured */
@@ -57,16 +58,16 @@ class Composer {
     this.comparison = choice(/** @type {[string, string][]} */ (COMPARISONS), ">");
     this.number = element("input", { inputMode: "decimal", required: true });
     this.seconds = element("input", { inputMode: "decimal", value: "0" });
-    this.actor = choice([...named, [this.root, "the fleet"]], robots[0].iri);
+    this.actor = choice([...named, [this.root, say("the fleet")]], robots[0].iri);
     this.action = choice([]);
     this.hint = element("p", { className: "hint" });
     this.problem = element("p", { className: "error", role: "alert", hidden: true });
     this.inputs = element("div", { className: "then-input" });
-    const when = element("fieldset", { className: "sentence" }, element("legend", {}, "When"),
-      field("robot", this.robot), field("value", this.value), field("compared", this.comparison), field("with", this.number), field("for seconds", this.seconds));
-    const then = element("fieldset", { className: "sentence" }, element("legend", {}, "Then"),
-      field("who does it", this.actor), field("what", this.action), this.inputs);
-    const save = button("Save this rule", () => this.save(), { className: "" });
+    const when = element("fieldset", { className: "sentence" }, element("legend", {}, say("When")),
+      field(say("robot"), this.robot), field(say("value"), this.value), field(say("compared"), this.comparison), field(say("with"), this.number), field(say("for seconds"), this.seconds));
+    const then = element("fieldset", { className: "sentence" }, element("legend", {}, say("Then")),
+      field(say("who does it"), this.actor), field(say("what"), this.action), this.inputs);
+    const save = button(say("Save this rule"), () => this.save(), { className: "" });
     const done = element("output", { className: "composed", role: "status" });
     this.place.append(when, this.hint, then, this.problem, element("p", { className: "buttons" }, save), done);
     this.follow(done);
@@ -93,7 +94,7 @@ class Composer {
       if (!this.sends) return;
       const refused = answer.dataset.state === "error";
       if (refused) this.written.open = true;
-      done.textContent = refused ? "It was refused; the form below says why." : answer.textContent;
+      done.textContent = refused ? say("It was refused; the form below says why.") : answer.textContent;
     }).observe(answer, { childList: true, subtree: true, attributes: true });
   }
 
@@ -103,7 +104,7 @@ class Composer {
     try {
       await step();
     } catch (error) {
-      this.say(`This cannot be loaded: ${error.message}`);
+      this.say(say("This cannot be loaded: {message}", { message: error.message }));
     }
   }
 
@@ -148,27 +149,27 @@ class Composer {
     for (const each of [this.comparison, this.number]) each.closest(".field").hidden = isPresence;
     const measured = this.values.find(({ name }) => name === this.value.value);
     const number = Number(this.number.value);
-    const turned = measured?.unit === "rad" && NUMBER.test(this.number.value) ? `, which is ${(number * DEGREES).toFixed(1)}°` : "";
-    if (isPresence) this.hint.textContent = "The robot goes offline: its agent is not there any more.";
-    else if (measured?.text) this.hint.textContent = "The value is a text, or true or false. It is compared as it is written.";
-    else this.hint.textContent = measured?.unit ? `The number is in ${measured.unit}${turned}.` : "The number has no unit.";
+    const turned = measured?.unit === "rad" && NUMBER.test(this.number.value) ? say(", which is {value}°", { value: (number * DEGREES).toFixed(1) }) : "";
+    if (isPresence) this.hint.textContent = say("The robot goes offline: its agent is not there any more.");
+    else if (measured?.text) this.hint.textContent = say("The value is a text, or true or false. It is compared as it is written.");
+    else this.hint.textContent = measured?.unit ? say("The number is in {unit}{turned}.", { unit: measured.unit, turned }) : say("The number has no unit.");
   }
 
   /** Return the condition and its words, or undefined with the reason at the field. */
   condition() {
     if (this.value.value === "presence") {
       const condition = `SELECT ?robot WHERE {\n  BIND(<${this.robot.value}> AS ?robot)\n  ?robot <${lf("presence")}> <${lf("offline")}> .\n}\n`;
-      return { condition, apart: "robot", said: `${segments(this.robot.value)[0]} goes offline` };
+      return { condition, apart: "robot", said: say("{value} goes offline", { value: segments(this.robot.value)[0] }) };
     }
     const measured = this.values.find(({ name }) => name === this.value.value);
-    if (!measured) return void this.say("The robot has no value to be compared. Choose another one.");
+    if (!measured) return void this.say(say("The robot has no value to be compared. Choose another one."));
     const text = this.number.value.trim();
-    if (!measured.text && !NUMBER.test(text)) return void this.say("A number is needed to compare the value with, such as 0.5.");
-    if (!text) return void this.say("A value is needed to compare with.");
+    if (!measured.text && !NUMBER.test(text)) return void this.say(say("A number is needed to compare the value with, such as 0.5."));
+    if (!text) return void this.say(say("A value is needed to compare with."));
     const { thing, path } = measured;
     const compared = measured.text ? `STR(?value) ${this.comparison.value} ${write({ kind: "literal", value: text })}` : `?value ${this.comparison.value} ${text}`;
     const condition = `SELECT ?thing ?value WHERE {\n  BIND(<${thing}> AS ?thing)\n  ?thing ${path.map((each) => `<${each}>`).join("/")} ?value .\n  FILTER(${compared})\n}\n`;
-    const said = `${measured.name} of ${segments(thing)[0]} ${this.comparison.selectedOptions[0].text} ${text}${measured.unit && ` ${measured.unit}`}`;
+    const said = say("{name} of {value} {text} {text2}{value2}", { name: measured.name, value: segments(thing)[0], text: this.comparison.selectedOptions[0].text, text2: text, value2: measured.unit && ` ${measured.unit}` });
     return { condition, apart: "thing", said };
   }
 
@@ -178,13 +179,13 @@ class Composer {
     const when = this.condition();
     if (!when) return;
     const seconds = this.seconds.value.trim() || "0";
-    if (!NUMBER.test(seconds) || Number(seconds) < 0 || Number(seconds) > 86400) return this.say("For how long it holds is a number of seconds from 0 to 86400.");
-    if (!this.action.value) return this.say("There is no action to choose. Choose somebody else who does it.");
-    if (this.input && read(this.input) === null) return this.say("The input of the action is not complete; see its fields.");
-    const lasting = Number(seconds) > 0 ? ` for ${seconds} s` : "";
+    if (!NUMBER.test(seconds) || Number(seconds) < 0 || Number(seconds) > 86400) return this.say(say("For how long it holds is a number of seconds from 0 to 86400."));
+    if (!this.action.value) return this.say(say("There is no action to choose. Choose somebody else who does it."));
+    if (this.input && read(this.input) === null) return this.say(say("The input of the action is not complete; see its fields."));
+    const lasting = Number(seconds) > 0 ? say(" for {seconds} s", { seconds }) : "";
     const did = this.action.selectedOptions[0].text;
     const fields = {
-      [TITLE]: `When ${when.said}${lasting}: ${did}`.slice(0, 200),
+      [TITLE]: say("When {said}{lasting}: {did}", { said: when.said, lasting, did }).slice(0, 200),
       [lf("condition")]: when.condition,
       [lf("invokes")]: this.action.value,
       [lf("body")]: this.input ? draft(this.input).replaceAll(/_:n0(?= )/g, "_:body") : "",

@@ -1,5 +1,6 @@
 // Invitations: makes one, and shows its link, which the gateway tells once.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { statements } from "../../pages/scripts/src/ntriples.js";
 import { refresh } from "../../pages/scripts/src/region.js";
 import { send } from "../../pages/scripts/src/request.js";
@@ -32,12 +33,12 @@ async function invite(form) {
   const link = location && graph?.value(location, lf("invitationLink"))?.value;
   output.dataset.state = link ? "done" : "error";
   if (!link) {
-    output.textContent = problem ? `${problem.title}. ${problem.detail}` : "The answer has no link. Revoke the invitation, and make another one.";
+    output.textContent = problem ? `${problem.title}. ${problem.detail}` : say("The answer has no link. Revoke the invitation, and make another one.");
     return;
   }
   const field = Object.assign(document.createElement("input"), { id: "invitation-link", readOnly: true, value: link });
   field.addEventListener("focus", () => field.select());
-  const label = Object.assign(document.createElement("label"), { htmlFor: field.id, textContent: "Send this link. It is shown only now:" });
+  const label = Object.assign(document.createElement("label"), { htmlFor: field.id, textContent: say("Send this link. It is shown only now:") });
   form.reset(); // it would empty the field as well
   output.replaceChildren(label, field);
   refresh();

@@ -1,5 +1,6 @@
 // The page of the world: a list of its objects, and forms whose positions can be dragged in the scene.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { draft } from "../../pages/scripts/src/form.js";
 import { drawing } from "../../pages/scripts/src/ghost.js";
 import { renew } from "../../pages/scripts/src/include.js";
@@ -46,14 +47,14 @@ function tell(list, graph, container) {
     if (!known.has(iri)) applyPresence();
     const zone = graph.values(iri, RDF_TYPE).some(({ value }) => value === lf("KeepOutZone"));
     const holder = graph.value(iri, lf("heldBy"))?.value;
-    const held = holder ? `, held by ${localName(holder)}` : "";
-    const [title, kind] = [graph.value(iri, TITLE)?.value ?? "object", (zone ? "keep-out zone" : "obstacle") + held];
+    const held = holder ? say(", held by {localName}", { localName: localName(holder) }) : "";
+    const [title, kind] = [graph.value(iri, TITLE)?.value ?? "object", (zone ? say("keep-out zone") : "obstacle") + held];
     item.toggleAttribute("data-held", Boolean(holder)); // its position is that in the hand: nothing to be dragged
     if (item.dataset.said === `${title} ${kind}`) continue;
     item.dataset.said = `${title} ${kind}`;
     item.querySelector("h3 a").textContent = title;
     item.querySelector("h3 small").textContent = kind;
-    item.querySelector("button[data-delete]").ariaLabel = `Delete ${title}`;
+    item.querySelector("button[data-delete]").ariaLabel = say("Delete {title}", { title });
   }
 }
 
@@ -63,9 +64,9 @@ function row(iri) {
   item.dataset.thing = iri;
   const link = make("a");
   link.href = iri;
-  const form = make("details", { className: "action" }, make("summary", {}, "Move or change it"));
+  const form = make("details", { className: "action" }, make("summary", {}, say("Move or change it")));
   Object.assign(form.dataset, { include: iri, place: "" });
-  const button = make("button", { type: "button", className: "quiet" }, "Delete");
+  const button = make("button", { type: "button", className: "quiet" }, say("Delete"));
   button.dataset.delete = iri;
   button.dataset.needs = "admin";
   item.append(make("h3", {}, link, " ", make("small")), button, form);
@@ -119,7 +120,7 @@ class Arrangement {
   offer() {
     if (this.form.querySelector(".gizmo")) return;
     const bar = make("p", { className: "buttons gizmo" });
-    for (const [mode, text] of /** @type {const} */ ([["translate", "Drag it"], ["rotate", "Turn it"]])) {
+    for (const [mode, text] of /** @type {const} */ ([["translate", say("Drag it")], ["rotate", say("Turn it")]])) {
       const button = make("button", { type: "button", className: "quiet" }, text);
       button.ariaPressed = String(mode === "translate");
       button.onclick = () => {

@@ -1,5 +1,6 @@
 // The floor from above: the map, outlines of objects, and robots with their headings. It needs no WebGL and little of a phone.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { adopt } from "../../pages/scripts/src/region.js";
 import { parse } from "../../pages/scripts/src/ntriples.js";
 import { poseOf } from "../../pages/scripts/src/pose_of.js";
@@ -145,8 +146,10 @@ class Floor {
 
   /** Say in words what is drawn, for those who do not see it. */
   tell(robots) {
-    const count = (number, noun) => `${number} ${noun}${number === 1 ? "" : "s"}`;
-    const said = `${this.map ? `Map ${this.map.title}` : "No map of the floor"}, ${count(robots.length, "robot")}, ${count(this.objects.length, "object")}`;
+    const named = this.map ? say("Map {title}", { title: this.map.title }) : say("No map of the floor");
+    const drawn = robots.length === 1 ? say("1 robot") : say("{count} robots", { count: robots.length });
+    const things = this.objects.length === 1 ? say("1 object") : say("{count} objects", { count: this.objects.length });
+    const said = `${named}, ${drawn}, ${things}`;
     const caption = this.section.querySelector("#floor-said");
     if (caption.textContent !== said) caption.textContent = said;
     const rows = [...robots.flatMap((each) => each.rows()), ...this.objects.map(rowOf)];
@@ -170,8 +173,8 @@ function drawnObject({ title, zone, corners, pose }, scale) {
 
 /** @param {Thing} thing */
 function rowOf({ title, iri, zone, corners, pose }) {
-  const kind = zone ? "keep-out zone" : "obstacle";
-  return [title, iri, corners ? kind : `${kind}, form not drawn`, pose ? words(pose.position) : "place unknown", ""];
+  const kind = zone ? say("keep-out zone") : say("obstacle");
+  return [title, iri, corners ? kind : say("{kind}, form not drawn", { kind }), pose ? words(pose.position) : say("place unknown"), ""];
 }
 
 /** @param {string[]} cells */

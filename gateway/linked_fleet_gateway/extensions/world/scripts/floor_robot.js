@@ -1,5 +1,6 @@
 // One robot on the plan of the floor.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { parse } from "../../pages/scripts/src/ntriples.js";
 import { poseOf } from "../../pages/scripts/src/pose_of.js";
 import { watch } from "../../pages/scripts/src/socket.js";
@@ -103,13 +104,13 @@ export class Robot {
 
   /** @returns {string[][]} rows of the table: name, address, what it is, place, heading */
   rows() {
-    return [this.row(), ...this.charging().map(({ name, pose }) => [name, this.iri, `charging station of ${this.name}`, words(pose.position), degrees(pose)])];
+    return [this.row(), ...this.charging().map(({ name, pose }) => [name, this.iri, say("charging station of {name}", { name: this.name }), words(pose.position), degrees(pose)])];
   }
 
   row() {
     const pose = this.pose();
-    const what = !this.floats ? "fixed" : this.corners ? "base" : "base, footprint unknown";
-    if (!pose) return [this.name, this.iri, what, "place unknown", ""];
+    const what = !this.floats ? say("fixed") : this.corners ? say("base") : say("base, footprint unknown");
+    if (!pose) return [this.name, this.iri, what, say("place unknown"), ""];
     return [this.name, this.iri, what, words(pose.position), degrees(pose)];
   }
 }

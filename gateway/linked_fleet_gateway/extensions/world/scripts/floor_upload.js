@@ -1,5 +1,6 @@
 // The form that uploads a map of the floor: both files in one PUT, as `curl -F` sends them.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { refresh } from "../../pages/scripts/src/region.js";
 
 export function enable() {
@@ -17,10 +18,10 @@ async function upload(form) {
   const data = new FormData(form);
   for (const name of ["height", "title"]) if (!data.get(name)) data.delete(name);
   button.disabled = true;
-  Object.assign(said, { textContent: "Sending …" }).dataset.state = "";
+  Object.assign(said, { textContent: say("Sending …") }).dataset.state = "";
   const problem = await sent(form.dataset.upload, data);
   said.dataset.state = problem ? "error" : "done";
-  said.textContent = problem || "The map is in use.";
+  said.textContent = problem || say("The map is in use.");
   button.disabled = false;
   refresh();
 }
@@ -33,6 +34,6 @@ async function sent(address, body) {
     const { title, detail } = await answer.json();
     return `${title}. ${detail}`;
   } catch {
-    return "The gateway did not answer. Is the connection lost?";
+    return say("The gateway did not answer. Is the connection lost?");
   }
 }

@@ -1,5 +1,6 @@
 // The page of the world, the floor from above, and the scene of the world on any page.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { whenWanted } from "../../pages/scripts/src/lazy_scene.js";
 import { notice } from "../../pages/scripts/src/notice.js";
 import * as arrange from "./arrange.js";
@@ -19,13 +20,13 @@ export function start() {
 function draw(scene) {
   import("./scene_world.js").then(
     ({ show }) => show(scene),
-    (error) => notice(`The scene could not be fetched: ${error.message}`),
+    (error) => notice(say("The scene could not be fetched: {message}", { message: error.message })),
   );
 }
 
 function drawFloor(floor) {
   import("./floor.js").then(
     ({ show }) => show(floor),
-    (error) => notice(`The plan of the floor could not be fetched: ${error.message}`),
+    (error) => notice(say("The plan of the floor could not be fetched: {message}", { message: error.message })),
   );
 }

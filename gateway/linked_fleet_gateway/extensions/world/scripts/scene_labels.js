@@ -1,5 +1,6 @@
 // Labels above the robots of a drawing, with data from the cards of the page; they are links, usable by keyboard.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { watch } from "../../pages/scripts/src/socket.js";
 import { lf, localName, taskName } from "../../pages/scripts/src/vocabulary.js";
 
@@ -30,7 +31,7 @@ export class Labels {
   }
 
   add(robot) {
-    const link = Object.assign(document.createElement("a"), { href: robot.iri, textContent: robot.name, title: `${robot.title} (F: follow it)`, hidden: true });
+    const link = Object.assign(document.createElement("a"), { href: robot.iri, textContent: robot.name, title: say("{title} (F: follow it)", { title: robot.title }), hidden: true });
     link.setAttribute("aria-keyshortcuts", "f");
     link.addEventListener("keydown", (event) => {
       if (event.key !== "f" || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -62,7 +63,7 @@ export class Labels {
     const label = this.of.get(robot);
     const task = graph.value(robot.iri, lf("currentTask"))?.value;
     const state = localName(presence);
-    const text = [state, task ? taskName(task) : ""].filter(Boolean).join(" · ");
+    const text = [say(state), task ? taskName(task) : ""].filter(Boolean).join(" · ");
     label.dataset.state = state;
     robot.presence(state);
     if (label.lastChild.textContent !== text) label.lastChild.textContent = text;

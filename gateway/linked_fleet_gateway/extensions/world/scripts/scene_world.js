@@ -1,5 +1,6 @@
 // The world in 3D: all robots that have a place in it, moving, and the objects among them.
 
+import { say } from "../../pages/scripts/src/say.js";
 import { Group, Vector3 } from "three";
 
 import { adopt } from "../../pages/scripts/src/region.js";
@@ -61,7 +62,7 @@ class WorldScene {
     const frame = Object.assign(document.createElement("div"), { className: "scene-view" });
     const canvas = Object.assign(document.createElement("canvas"), { tabIndex: 0 });
     canvas.setAttribute("role", "img");
-    canvas.setAttribute("aria-label", "3D drawing of the robots that are placed in the world, and of the objects in it. F: follow the next robot");
+    canvas.setAttribute("aria-label", say("3D drawing of the robots that are placed in the world, and of the objects in it. F: follow the next robot"));
     canvas.setAttribute("aria-keyshortcuts", "f");
     frame.append(canvas);
     const context = canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "low-power" });
@@ -139,10 +140,10 @@ class WorldScene {
   tellLeft(count, unplaced, aside) {
     if (!this.labels) return;
     if (!this.left) this.labels.box.after((this.left = Object.assign(document.createElement("p"), { className: "scene-badge" })));
-    const without = aside ? "Nobody has placed the robots: they are shown side by side. " : `Without a place in the world: ${unplaced} of the robots`;
-    const said = [count && `${count} more robots are not drawn`, unplaced && without].filter(Boolean).join(" · ");
+    const without = aside ? say("Nobody has placed the robots: they are shown side by side. ") : say("Without a place in the world: {unplaced} of the robots", { unplaced });
+    const said = [count && say("{count} more robots are not drawn", { count }), unplaced && without].filter(Boolean).join(" · ");
     this.left.hidden = !said;
-    const link = Object.assign(document.createElement("a"), { href: this.section.dataset.world, textContent: "Place them" });
+    const link = Object.assign(document.createElement("a"), { href: this.section.dataset.world, textContent: say("Place them") });
     this.left.replaceChildren(said, ...(aside ? [link] : []));
   }
 
@@ -231,11 +232,11 @@ class WorldScene {
     this.before = this.followed?.base();
     this.section.dataset.following = this.followed?.name ?? "";
     this.leave?.remove();
-    this.said.textContent = this.followed ? "" : "All of the world is in view";
+    this.said.textContent = this.followed ? "" : say("All of the world is in view");
     if (!this.followed) return this.view.fit();
     this.view.untouched = false;
     this.view.approach(this.followed.place);
-    const text = `Following ${this.followed.title} · show all`;
+    const text = say("Following {title} · show all", { title: this.followed.title });
     this.leave = Object.assign(document.createElement("button"), { type: "button", className: "scene-following", textContent: text });
     this.leave.onclick = () => this.follow();
     this.labels.box.after(this.leave);

@@ -1,5 +1,6 @@
 // Sends what a form contains, and shows the gateway's response.
 
+import { say } from "./say.js";
 import { complain, fieldNamed, fieldsFor, read } from "./form.js";
 import { converted, number } from "./format.js";
 import { contact } from "./ghost.js";
@@ -24,7 +25,7 @@ async function submit(form, button) {
   const asks = form.querySelector("[data-path]") || form.dataset.classes;
   const said = asks ? read(form) : "";
   if (said === null) {
-    answer(form, "error", "Nothing was sent: see the fields that are marked.");
+    answer(form, "error", say("Nothing was sent: see the fields that are marked."));
     return;
   }
   const asked = said || undefined; // who may leave all out sends no body: an empty one is a mistake
@@ -36,7 +37,7 @@ async function submit(form, button) {
   if (!rehearsal && form.querySelector("[data-prefer=dry-run]")) headers["Idempotency-Key"] = key(form, body);
   if (form.dataset.match) headers["If-Match"] = form.dataset.match;
   form.setAttribute("aria-busy", "true");
-  answer(form, "waiting", rehearsal ? "Trying…" : "Asking…");
+  answer(form, "waiting", rehearsal ? say("Trying…") : say("Asking…"));
   const got = await send(method, form.dataset.action, { body, headers });
   form.removeAttribute("aria-busy");
   // A request without a response may have been executed: sent again unchanged, it has the same idempotency key.
@@ -67,7 +68,7 @@ function done(form, got) {
     answer(form, "done", "Done: ", link(location, graph?.value(location, TITLE)?.value ?? (titleIn(form) || location)));
   } else {
     const unchecked = uncheckedLinks(graph);
-    answer(form, "done", "Done.", ...(unchecked.length ? [list(unchecked)] : []));
+    answer(form, "done", say("Done."), ...(unchecked.length ? [list(unchecked)] : []));
   }
   form.dispatchEvent(new CustomEvent("saved", { bubbles: true, detail: location }));
   refresh();
@@ -105,7 +106,7 @@ function wayRound(form, { path = "" }) {
   const choice = form.querySelector(`select[data-path="${lf("path")}"]`);
   const dry = form.querySelector("button[data-prefer=dry-run]");
   if (!path || !choice || !dry) return undefined;
-  const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: "Look for a way round it" });
+  const button = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: say("Look for a way round it") });
   button.addEventListener("click", () => {
     choice.value = path;
     dry.click();
@@ -130,7 +131,7 @@ function markTerm(form, detail) {
 
 /** How forms of other modules show a response. */
 export const outcome = {
-  waiting: (form) => answer(form, "waiting", "Asking…"),
+  waiting: (form) => answer(form, "waiting", say("Asking…")),
   none: (form) => answer(form, "", ""),
   begun: (form, got) => (got.problem ? refused(form, got) : answer(form, "done", "")),
   rehearsed: (form, got) => (got.problem ? refused(form, got) : rehearsed(form, got.graph, false)),
@@ -140,24 +141,24 @@ export const outcome = {
 function rehearsed(form, graph, full = true) {
   const [root, facts] = [...(graph?.subjects ?? [])].find(([, each]) => each.get(RDF_TYPE)?.some(({ value }) => value === lf("Rehearsal"))) ?? [];
   if (!root) {
-    answer(form, "done", "The action is possible; nothing has moved.");
+    answer(form, "done", say("The action is possible; nothing has moved."));
     return;
   }
   const lines = [];
-  for (const [predicate, name] of [["duration", "it would take"], ["pathDeviation", "off the line by at most"], ["leastManipulability", "manipulability of at least"], ["positionResidual", "off the position by"], ["orientationResidual", "off the orientation by"]]) {
+  for (const [predicate, name] of [["duration", say("it would take")], ["pathDeviation", say("off the line by at most")], ["leastManipulability", say("manipulability of at least")], ["positionResidual", say("off the position by")], ["orientationResidual", say("off the orientation by")]]) {
     const node = graph.value(root, lf(predicate));
     if (node) lines.push(`${name} ${quantity(graph, `_:${node.value}`)}`);
   }
   if (full) for (const target of graph.values(root, lf("target"))) lines.push(targetOf(graph, `_:${target.value}`));
-  for (const { value } of facts.get(lf("plannedBecause")) ?? []) lines.push(`on a planned path: ${value}`);
-  if (facts.has(lf("plan"))) lines.push("this very motion is kept, to be carried out next");
+  for (const { value } of facts.get(lf("plannedBecause")) ?? []) lines.push(say("on a planned path: {value}", { value }));
+  if (facts.has(lf("plan"))) lines.push(say("this very motion is kept, to be carried out next"));
   const near = closestIn(graph, root);
   if (near) lines.push(near.text);
-  for (const { value } of facts.get(lf("preempts")) ?? []) lines.push(`it would end ${localName(value)}`);
+  for (const { value } of facts.get(lf("preempts")) ?? []) lines.push(say("it would end {localName}", { localName: localName(value) }));
   for (const { value } of facts.get(lf("unchecked")) ?? []) lines.push(uncheckedLink(graph, `_:${value}`));
   lines.push(...stepsOf(graph, facts.get(lf("stepRehearsal")) ?? []));
   const path = pathControls(graph);
-  answer(form, "rehearsed", strong("It would work; nothing has moved."), list(lines), ...(path ? [path] : []));
+  answer(form, "rehearsed", strong(say("It would work; nothing has moved.")), list(lines), ...(path ? [path] : []));
   contact(near?.point, false);
   form.dispatchEvent(new CustomEvent("rehearsed", { bubbles: true, detail: graph }));
 }
@@ -167,7 +168,7 @@ function stepsOf(graph, nodes) {
   const of = ({ value }, term) => graph.value(`_:${value}`, term)?.value;
   const left = nodes.filter((each) => of(each, lf("reason")) !== undefined);
   const said = left.map((each) => `${of(each, TITLE) ?? of(each, lf("stepPath"))}: ${of(each, lf("reason"))}`);
-  return nodes.length ? [`${nodes.length - left.length} of ${nodes.length} steps are rehearsed`, ...said] : [];
+  return nodes.length ? [say("{value} of {length} steps are rehearsed", { value: nodes.length - left.length, length: nodes.length }), ...said] : [];
 }
 
 /** Return where a motion comes closest to something, in words and as a point in the world. */
@@ -177,10 +178,10 @@ function closestIn(graph, root) {
   const node = `_:${found.value}`;
   const apart = quantity(graph, `_:${graph.value(node, lf("clearance"))?.value}`);
   const [share, time] = ["share", "atTime"].map((each) => graph.value(node, lf(each))?.value);
-  const when = time === undefined ? `after ${Math.round(100 * Number(share))} % of the way` : `after ${Number(time).toFixed(1)} s`;
+  const when = time === undefined ? say("after {percent} % of the way", { percent: Math.round(100 * Number(share)) }) : say("after {value} s", { value: Number(time).toFixed(1) });
   const place = graph.value(node, lf("position"));
   const point = place && ["x", "y", "z"].map((axis) => Number(graph.value(`_:${place.value}`, MATHS + axis)?.value));
-  return { text: `closest ${when}: ${apart} between ${graph.value(node, TITLE)?.value}`, point };
+  return { text: say("closest {when}: {apart} between {value}", { when, apart, value: graph.value(node, TITLE)?.value }), point };
 }
 
 /** @returns {string[]} the links that no check of motions covers, after the change of a placement */
@@ -191,13 +192,13 @@ function uncheckedLinks(graph) {
 
 function uncheckedLink(graph, node) {
   const [link, mesh, reason] = ["ofLink", "meshUri", "reason"].map((each) => graph.value(node, lf(each))?.value ?? "");
-  return `not checked for collisions: ${localName(link)} (${mesh ? `${mesh}: ` : ""}${reason})`;
+  return say("not checked for collisions: {localName} ({value}{reason})", { localName: localName(link), value: mesh ? `${mesh}: ` : "", reason });
 }
 
 function targetOf(graph, node) {
   const joint = graph.value(node, lf("ofJoint"))?.value ?? "";
   const value = graph.value(node, lf("value"));
-  return `${localName(joint)} would be at ${value ? quantity(graph, `_:${value.value}`) : "an unknown place"}`;
+  return say("{localName} would be at {value}", { localName: localName(joint), value: value ? quantity(graph, `_:${value.value}`) : "an unknown place" });
 }
 
 function quantity(graph, node) {

@@ -1,5 +1,6 @@
 // The form of an action as the input of a step: filled from plain JSON, and read into it. Nothing here invokes the action.
 
+import { say } from "./say.js";
 import { complain, fieldNamed, fieldsFor, filled, own, partsOf, ready, wrongWith } from "./form.js";
 import { fetchForm } from "./include.js";
 import { unitSymbol } from "./vocabulary.js";
@@ -146,8 +147,8 @@ export function offerVariables(/** @type {HTMLFormElement} */ form, /** @type {s
     const label = field.querySelector("label")?.firstChild?.textContent.trim() ?? "value";
     const source = document.createElement("select");
     source.className = "source";
-    source.setAttribute("aria-label", `Where ${label} comes from`);
-    source.append(new Option("this value", ""), ...all.map((name) => new Option(name.includes(".") ? `result ${name}` : `parameter ${name}`, name)));
+    source.setAttribute("aria-label", say("Where {label} comes from", { label }));
+    source.append(new Option(say("this value"), ""), ...all.map((name) => new Option(name.includes(".") ? say("result {name}", { name }) : say("parameter {name}", { name }), name)));
     source.value = variable ?? "";
     source.addEventListener("change", (event) => {
       event.stopPropagation();

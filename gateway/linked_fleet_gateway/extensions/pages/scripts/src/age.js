@@ -1,5 +1,6 @@
 // Times as ages, which are updated regularly.
 
+import { localized, say } from "./say.js";
 import { adopt } from "./region.js";
 
 const PERIOD_MS = 500;
@@ -43,10 +44,14 @@ export function agree(response, sentMs) {
 
 /** @param {number} seconds */
 export function age(seconds) {
+  return say("{time} ago", { time: span(seconds) });
+}
+
+/** @param {number} seconds */
+function span(seconds) {
   const past = Math.max(0, seconds);
   const [, size, unit] = SCALES.find(([limit]) => past < limit);
-  const text = past < 10 ? past.toFixed(1) : String(Math.floor(past / size));
-  return `${text} ${unit} ago`;
+  return `${past < 10 ? localized(past.toFixed(1)) : Math.floor(past / size)} ${unit}`;
 }
 
 /** A value without news has not changed, as long as the connection is alive: frames come that say the same. */
@@ -55,8 +60,8 @@ function past(time, agoMs) {
   const { path = "" } = time.dataset;
   const heard = connection === "live" && presence !== "offline";
   const text = age(agoMs / 1000);
-  if (heard && presence !== "faulty" && path.endsWith(LAST_FRAME) && agoMs > FRAME_MS) return "live";
-  return heard && path.endsWith(MEASURED) && agoMs > STILL_MS ? `unchanged for ${text.replace(" ago", "")} · live` : text;
+  if (heard && presence !== "faulty" && path.endsWith(LAST_FRAME) && agoMs > FRAME_MS) return say("live");
+  return heard && path.endsWith(MEASURED) && agoMs > STILL_MS ? say("unchanged for {time} · live", { time: span(agoMs / 1000) }) : text;
 }
 
 /** @param {HTMLTimeElement} time */
@@ -64,7 +69,7 @@ export function refresh(time) {
   const stamp = Date.parse(time.dateTime);
   if (Number.isNaN(stamp)) return;
   const ahead = stamp - (Date.now() - skewMs);
-  const text = ahead > AGREED_MS ? `in ${age(ahead / 1000).replace(" ago", "")}` : past(time, -ahead);
+  const text = ahead > AGREED_MS ? say("in {time}", { time: span(ahead / 1000) }) : past(time, -ahead);
   if (time.title !== time.dateTime) time.title = time.dateTime;
   if (time.textContent !== text) time.textContent = text;
 }

@@ -1,5 +1,7 @@
 // Asks before something is done, in a dialog.
 
+import { say } from "./say.js";
+
 /**
  * Ask, and return the reader's answer: undefined if it is no, else the text of the field, empty without one.
  *
@@ -7,7 +9,7 @@
  * @param {{yes: string, no?: string, field?: string, danger?: boolean, most?: number, more?: HTMLElement[]}} options `field`: what the reader has to write; `more`: further fields, which the caller reads
  * @returns {Promise<string | undefined>}
  */
-export function confirmed(question, { yes, no = "Cancel", field, danger = false, most = 200, more = [] }) {
+export function confirmed(question, { yes, no = say("Cancel"), field, danger = false, most = 200, more = [] }) {
   const back = document.activeElement;
   const dialog = document.createElement("dialog");
   const said = Object.assign(document.createElement("p"), { id: "question", textContent: question });

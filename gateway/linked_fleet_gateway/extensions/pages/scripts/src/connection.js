@@ -1,14 +1,15 @@
 // Shows a lost connection at once, until it is back.
 
+import { say } from "./say.js";
 import { refresh } from "./region.js";
 import { onConnection } from "./socket.js";
 
 const WORDS = {
-  silent: "The gateway has not answered for 5 s: what you see is old. Trying again…",
-  lost: "Connection lost: what you see may be old. Trying again…",
-  gone: "There is no such resource at present: what you see may be old. Trying again…",
-  cancelled: "Somebody cancelled the subscription of this page: what you see is old. Reload to watch again.",
-  forbidden: "You have no right to watch this page change: what you see is as old as the page. Reload to see it anew.",
+  silent: say("The gateway has not answered for 5 s: what you see is old. Trying again…"),
+  lost: say("Connection lost: what you see may be old. Trying again…"),
+  gone: say("There is no such resource at present: what you see may be old. Trying again…"),
+  cancelled: say("Somebody cancelled the subscription of this page: what you see is old. Reload to watch again."),
+  forbidden: say("You have no right to watch this page change: what you see is as old as the page. Reload to see it anew."),
 };
 
 export function start() {

@@ -1,5 +1,7 @@
 // Buttons that copy the text beside them.
 
+import { say } from "./say.js";
+
 const SHOWN_MS = 2000;
 
 export function start() {
@@ -14,7 +16,7 @@ async function copy(button) {
   const text = source?.textContent ?? button.dataset.copy;
   const copied = await write(text, source);
   const name = (button.dataset.name ??= button.textContent);
-  button.textContent = copied ? "Copied" : "Press Ctrl+C";
+  button.textContent = copied ? say("Copied") : say("Press Ctrl+C");
   setTimeout(() => (button.textContent = name), SHOWN_MS);
 }
 

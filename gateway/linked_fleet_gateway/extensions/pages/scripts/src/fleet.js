@@ -1,5 +1,6 @@
 // The cards or rows of a fleet: each robot's activity, and the filter, which is in the address too.
 
+import { say } from "./say.js";
 import { refresh as refreshAge } from "./age.js";
 import * as drawings from "./card_drawings.js";
 import { follow } from "./live.js";
@@ -11,9 +12,9 @@ const LOW_PERCENT = 20; // as in fleet_views.py
 const PRESENCES = ["online", "faulty", "offline"];
 const FILTERS = ["text", "presence", "kind", "tag"];
 const LINKS = {
-  good: "at least 98 % of its frames arrive",
-  weak: "less than 95 % of its frames of the last 10 s have arrived",
-  lost: "connected, but no frame has arrived for 3 s",
+  good: say("at least 98 % of its frames arrive"),
+  weak: say("less than 95 % of its frames of the last 10 s have arrived"),
+  lost: say("connected, but no frame has arrived for 3 s"),
 };
 const VIEW = "lf-view-of-the-fleet";
 const HIDDEN = "lf-hide-further";
@@ -99,7 +100,7 @@ function tell(graph) {
     const task = of("currentTask");
     const said = card.querySelector("[data-activity]");
     const moving = of("moving") === "true";
-    const text = task ? doing(graph, task) : moving ? "moving" : "idle";
+    const text = task ? doing(graph, task) : moving ? say("moving") : say("idle");
     if (said.textContent !== text) said.textContent = text;
     said.classList.toggle("busy", Boolean(task) || moving);
     const moved = of("lastMoved");
@@ -118,7 +119,7 @@ function doing(graph, task) {
   const share = graph.follow(task, [lf("progress"), NUMERICAL_VALUE])?.value;
   const who = graph.follow(task, [`${PROV}wasAssociatedWith`, TITLE])?.value;
   const far = share === undefined ? "" : ` ${Math.round(100 * Number(share))} %`;
-  return taskName(task) + far + (who ? ` for ${who}` : "");
+  return who ? say("{what} for {who}", { what: taskName(task) + far, who }) : taskName(task) + far;
 }
 
 function tellText(element, text) {
@@ -144,19 +145,19 @@ function quality(element, term) {
   if (element.dataset.link === word) return;
   element.dataset.link = word;
   element.title = LINKS[word] ?? "";
-  element.lastElementChild.textContent = word;
+  element.lastElementChild.textContent = say(word);
 }
 
 function move(element, moving, stamp) {
   if (moving) {
-    if (element.textContent !== "now") element.textContent = "now";
+    if (element.textContent !== say("now")) element.textContent = say("now");
     return;
   }
   const time = element.querySelector("time");
   if (!stamp || time?.dateTime === stamp) return;
   const fresh = Object.assign(document.createElement("time"), { dateTime: stamp });
   refreshAge(fresh);
-  element.replaceChildren(Object.assign(document.createElement("span"), { className: "word", textContent: "moved " }), fresh);
+  element.replaceChildren(Object.assign(document.createElement("span"), { className: "word", textContent: `${say("moved")} ` }), fresh);
 }
 
 /** A page of the table has not all robots. */
@@ -191,7 +192,7 @@ function apply() {
     if (!hidden) shown += 1;
   }
   count(counts);
-  document.getElementById("shown").textContent = shown === cards.length ? "" : `${shown} of ${cards.length} shown`;
+  document.getElementById("shown").textContent = shown === cards.length ? "" : say("{shown} of {length} shown", { shown, length: cards.length });
   const none = document.getElementById("none-shown");
   if (none) none.hidden = shown > 0 || !cards.length;
 }
@@ -201,7 +202,7 @@ function tagsOf(card) {
 }
 
 function count(counts) {
-  const text = PRESENCES.filter((name) => counts.has(name)).map((name) => [name, `${counts.get(name)} ${name}`]);
+  const text = PRESENCES.filter((name) => counts.has(name)).map((name) => [name, `${counts.get(name)} ${say(name)}`]);
   const box = document.getElementById("counts");
   if (!box || box.textContent.trim().replace(/\s+/g, " ") === text.map(([, each]) => each).join(" ")) return;
   box.replaceChildren(

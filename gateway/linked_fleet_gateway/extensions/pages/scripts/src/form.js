@@ -1,5 +1,6 @@
 // Forms generated from shapes: validated, and read into triples.
 
+import { say } from "./say.js";
 import { write } from "./ntriples.js";
 import { adopt } from "./region.js";
 import { DECIMAL, DOUBLE, RDF_TYPE, lf, localName } from "./vocabulary.js";
@@ -216,12 +217,12 @@ function initial(select) {
 export function wrongWith(control) {
   const { validity } = control;
   if (control.type === "hidden") return "";
-  if (validity.badInput) return "This is no number.";
-  if (control.dataset.kind === "variable" && !control.value.startsWith("?") && !URL.canParse(control.value, document.baseURI)) return "This is no address.";
-  if (control.value === "") return control.required && control.type !== "checkbox" ? "This is needed." : "";
+  if (validity.badInput) return say("This is no number.");
+  if (control.dataset.kind === "variable" && !control.value.startsWith("?") && !URL.canParse(control.value, document.baseURI)) return say("This is no address.");
+  if (control.value === "") return control.required && control.type !== "checkbox" ? say("This is needed.") : "";
   const range = outside(control);
   if (range) return range;
-  if (validity.patternMismatch) return control.title || "This does not have the right form.";
+  if (validity.patternMismatch) return control.title || say("This does not have the right form.");
   // Steps are for the arrow keys; any number within the limits is valid.
   return validity.typeMismatch || validity.tooLong ? control.validationMessage : "";
 }

@@ -1,5 +1,7 @@
 // Numbers as people read them; gateway/linked_fleet_gateway/extensions/pages/texts.py does the same.
 
+import { localized } from "./say.js";
+
 const LARGE = 1e15;
 const SMALL = 1e-9;
 const DECIMALS = 4;
@@ -18,7 +20,7 @@ export function number(value, unit = "") {
   if (size >= LARGE || (size > 0 && size < SMALL)) return power(value);
   let decimals = DECIMALS_IN[unit] ?? DECIMALS;
   if (size > 0 && size < 10 ** -decimals && !unit) decimals = Math.ceil(-Math.log10(size)) + 1;
-  return trimmed((value + 0).toFixed(decimals));
+  return localized(trimmed((value + 0).toFixed(decimals)));
 }
 
 function trimmed(text) {
@@ -30,7 +32,7 @@ function trimmed(text) {
 function power(value) {
   const [mantissa, exponent] = value.toExponential(2).split("e");
   const raised = String(Number(exponent)).replace(/[0-9]/g, (digit) => RAISED[digit]).replace("-", "⁻");
-  return `${trimmed(mantissa)}·10${raised}`;
+  return `${localized(trimmed(mantissa))}·10${raised}`;
 }
 
 const CONVERTED = { rad: [180 / Math.PI, "°", 1], m: [1000, "mm", 1] };
@@ -45,6 +47,6 @@ export function converted(value, unit) {
   const known = CONVERTED[unit];
   if (!known || !Number.isFinite(value)) return "";
   const [scale, name, decimals] = known;
-  const text = String(Number((value * scale).toFixed(decimals)) + 0);
+  const text = localized(String(Number((value * scale).toFixed(decimals)) + 0));
   return name === "°" ? `${text}°` : `${text} ${name}`;
 }

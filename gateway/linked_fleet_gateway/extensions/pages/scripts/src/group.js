@@ -1,5 +1,6 @@
 // Robots that are chosen in the table of the fleet, and what is done with all of them: with a result for each.
 
+import { say } from "./say.js";
 import { confirmed } from "./confirm.js";
 import { adopt, refresh } from "./region.js";
 import { send } from "./request.js";
@@ -51,7 +52,7 @@ function mark() {
   }
   const count = chosen.size;
   const may = document.body.dataset.may?.split(" ");
-  document.getElementById("chosen").textContent = count ? `${count} chosen` : "No robot is chosen.";
+  document.getElementById("chosen").textContent = count ? say("{count} chosen", { count }) : say("No robot is chosen.");
   for (const button of /** @type {NodeListOf<HTMLButtonElement>} */ (bar.querySelectorAll("button[data-group]"))) {
     button.disabled = !count || (may && !may.includes(button.dataset.needs));
   }
@@ -62,22 +63,22 @@ const ACTIONS = {
   // A question would delay it; the bar says how many are chosen.
   stop: async () => (robot) => send("POST", `${robot}actions/stop`),
   async out(count) {
-    const reason = await confirmed(`Take ${robots(count)} out of service?`, { yes: "Take out of service", field: "Why", danger: true });
+    const reason = await confirmed(say("Take {robots} out of service?", { robots: robots(count) }), { yes: say("Take out of service"), field: say("Why"), danger: true });
     if (!reason) return undefined;
     const body = `<> <${lf("inService")}> false ; <${lf("reason")}> ${JSON.stringify(reason)} .`;
     return (robot) => send("PUT", `${robot}availability`, { body });
   },
   async return(count) {
-    const sure = await confirmed(`Return ${robots(count)} to service?`, { yes: "Return to service" });
+    const sure = await confirmed(say("Return {robots} to service?", { robots: robots(count) }), { yes: say("Return to service") });
     const body = `<> <${lf("inService")}> true .`;
     return sure === undefined ? undefined : (robot) => send("PUT", `${robot}availability`, { body });
   },
   async tag(count) {
-    const tag = await confirmed(`Which tag do ${robots(count)} get?`, { yes: "Add the tag", field: "Tag", most: TAG_CHARACTERS });
+    const tag = await confirmed(say("Which tag do {robots} get?", { robots: robots(count) }), { yes: say("Add the tag"), field: say("Tag"), most: TAG_CHARACTERS });
     return tag ? (robot) => patchTags(robot, "INSERT", tag) : undefined;
   },
   async untag(count) {
-    const tag = await confirmed(`Which tag do ${robots(count)} lose?`, { yes: "Remove the tag", field: "Tag", most: TAG_CHARACTERS });
+    const tag = await confirmed(say("Which tag do {robots} lose?", { robots: robots(count) }), { yes: say("Remove the tag"), field: say("Tag"), most: TAG_CHARACTERS });
     return tag ? (robot) => patchTags(robot, "DELETE", tag) : undefined;
   },
 };
@@ -93,7 +94,7 @@ function patchTags(robot, way, tag) {
 }
 
 function robots(count) {
-  return count === 1 ? "1 robot" : `${count} robots`;
+  return count === 1 ? "1 robot" : say("{count} robots", { count });
 }
 
 async function act(name) {
@@ -103,7 +104,7 @@ async function act(name) {
   if (!request) return;
   const list = document.getElementById("group-results");
   list.replaceChildren();
-  const lines = new Map(meant.map((robot) => [robot, line(list, `${names.get(robot)}: asked…`)]));
+  const lines = new Map(meant.map((robot) => [robot, line(list, say("{names}: asked…", { names: names.get(robot) }))]));
   const waiting = [...meant];
   const work = async () => {
     for (let robot = waiting.shift(); robot; robot = waiting.shift()) {

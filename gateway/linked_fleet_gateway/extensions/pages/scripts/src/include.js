@@ -1,5 +1,6 @@
 // Fetches forms of actions when they are opened: a robot has many.
 
+import { say } from "./say.js";
 import { own, ready } from "./form.js";
 import { apply } from "./presence.js";
 
@@ -34,7 +35,7 @@ async function load(details) {
     inserted.dispatchEvent(new Event("included", { bubbles: true }));
   } catch (error) {
     delete details.dataset.included; // opening it again retries
-    fail(details, `The form cannot be loaded: ${error.message}`);
+    fail(details, say("The form cannot be loaded: {message}", { message: error.message }));
   }
 }
 

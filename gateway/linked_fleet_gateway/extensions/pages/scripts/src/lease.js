@@ -1,5 +1,6 @@
 // The control lease of this robot: shown, taken, renewed while the page is open, and released.
 
+import { say } from "./say.js";
 import { holds } from "./control.js";
 import { held, leaseOf } from "./presence.js";
 import { adopt } from "./region.js";
@@ -71,13 +72,14 @@ class Control {
   }
 
   show(state, holder, left) {
-    this.state.textContent = this.state.dataset.state = state;
+    this.state.dataset.state = state;
+    this.state.textContent = say(state);
     this.mine = state === "held" && holds(this.iri);
-    const until = left > 0 ? ` for ${Math.ceil(left)} s` : "";
-    this.text.textContent = state !== "held" ? "Nobody has it." : this.mine ? "You have control." : `${holder}${until}`;
+    const until = left > 0 ? say(" for {seconds} s", { seconds: Math.ceil(left) }) : "";
+    this.text.textContent = state !== "held" ? say("Nobody has it.") : this.mine ? say("You have control.") : `${holder}${until}`;
     held(this.iri, state === "held" && !this.mine ? holder : "");
     this.button.hidden = state === "held" && !this.mine;
-    this.button.textContent = this.mine ? "Give back" : "Take control";
+    this.button.textContent = this.mine ? say("Give back") : say("Take control");
     const detail = { lease: this.iri, state, holder, mine: this.mine, look: () => this.look() };
     this.place.dispatchEvent(new CustomEvent("control", { bubbles: true, detail }));
   }

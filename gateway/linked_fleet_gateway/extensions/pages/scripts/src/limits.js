@@ -1,5 +1,6 @@
 // Limits of numbers that depend on other fields, such as the unit.
 
+import { message, say } from "./say.js";
 import { number } from "./format.js";
 
 const BOUNDLESS = 1e6;
@@ -16,7 +17,7 @@ export function applyLimits(form) {
       if (limits?.[end] === undefined) input.removeAttribute(end);
       else input.setAttribute(end, String(limits[end]));
     }
-    say(input, limits && !boundless(limits) ? range(limits, unitOf(input)) : "");
+    tellField(input, limits && !boundless(limits) ? range(limits, unitOf(input)) : "");
   }
 }
 
@@ -25,11 +26,11 @@ export function outside(input) {
   const limits = input.dataset?.limits ? limitsOf(input) : plainLimits(input);
   if (!limits) return "";
   const value = Number(input.value);
-  if (Number.isNaN(value)) return "This is no number.";
+  if (Number.isNaN(value)) return say("This is no number.");
   const open = (end) => limits.exclusive?.includes(end);
   const low = limits.min !== undefined && (value < limits.min || (open("min") && value === limits.min));
   const high = limits.max !== undefined && (value > limits.max || (open("max") && value === limits.max));
-  return low || high ? `This must be ${range(limits, unitOf(input))}.` : "";
+  return low || high ? say("This must be {range}.", { range: range(limits, unitOf(input)) }) : "";
 }
 
 /** Return whether limits are only those of the number type, which nobody needs to see. @param {Limits} limits */
@@ -70,14 +71,22 @@ function unitOf(input) {
 
 /** @param {Limits} limits */
 function range({ min, max, exclusive = [] }, unit) {
-  const low = min === undefined ? "" : `${exclusive.includes("min") ? "more than" : "from"} ${number(min)}`;
-  const high = max === undefined ? "" : `${exclusive.includes("max") ? "less than" : low ? "" : "at most"} ${number(max)}`.trim();
-  return `${[low, high].filter(Boolean).join(" to ")} ${unit}`.trim();
+  const ends = { low: number(min ?? NaN), high: number(max ?? NaN) };
+  const [above, below] = [exclusive.includes("min"), exclusive.includes("max")];
+  return `${say(sentence(min !== undefined, max !== undefined, above, below), ends)} ${unit}`.trim();
+}
+
+/** Return the message about a range of these ends. */
+function sentence(hasLow, hasHigh, above, below) {
+  if (!hasLow) return below ? message("less than {high}") : message("at most {high}");
+  if (!hasHigh) return above ? message("more than {low}") : message("from {low}");
+  if (above) return below ? message("more than {low} to less than {high}") : message("more than {low} to {high}");
+  return below ? message("from {low} to less than {high}") : message("from {low} to {high}");
 }
 
 let said = 0;
 
-function say(input, text) {
+function tellField(input, text) {
   let place = document.getElementById(input.dataset.range ?? "");
   if (!place) {
     place = document.createElement("small");

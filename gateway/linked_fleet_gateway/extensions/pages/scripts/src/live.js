@@ -1,5 +1,6 @@
 // Live values: each element with a subject and a path shows the value of the last message.
 
+import { say } from "./say.js";
 import { refresh as refreshAge } from "./age.js";
 import { converted, number } from "./format.js";
 import { fetchLayout, graphOfFrame } from "./frames.js";
@@ -171,7 +172,7 @@ function write(element, term) {
 function writeTime(time, term) {
   if (term.kind === "iri") {
     time.removeAttribute("datetime");
-    time.textContent = localName(term.value);
+    time.textContent = say(localName(term.value));
   } else {
     time.dateTime = term.value;
     refreshAge(time);
@@ -185,7 +186,7 @@ function writeMeter(meter, value) {
 function writeNumber(data, term) {
   const unknown = term.value === UNKNOWN;
   const value = unknown ? NaN : Number(term.value);
-  data.textContent = unknown ? "unknown" : Number.isNaN(value) ? term.value : number(value, data.dataset.unit);
+  data.textContent = unknown ? say("unknown") : Number.isNaN(value) ? term.value : number(value, data.dataset.unit);
   data.value = unknown ? "" : term.value;
   const next = data.parentElement?.querySelector(":scope > .converted");
   if (next) next.textContent = converted(value, data.dataset.unit);
@@ -193,6 +194,6 @@ function writeNumber(data, term) {
 
 function writeState(element, term) {
   const text = term.kind === "iri" ? localName(term.value) : term.value;
-  element.textContent = text;
+  element.textContent = term.kind === "iri" || "state" in element.dataset ? say(text) : text;
   if ("state" in element.dataset) element.dataset.state = text;
 }

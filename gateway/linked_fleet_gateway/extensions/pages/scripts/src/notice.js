@@ -1,5 +1,7 @@
 // Shows errors on the page, since nobody reads the console.
 
+import { say } from "./say.js";
+
 /** @param {string} text */
 export function notice(text) {
   let box = document.getElementById("notice");
@@ -13,6 +15,6 @@ export function notice(text) {
 }
 
 export function start() {
-  addEventListener("error", ({ message }) => notice(`Something on this page does not work: ${message}`));
-  addEventListener("unhandledrejection", ({ reason }) => notice(`Something on this page does not work: ${reason?.message ?? reason}`));
+  addEventListener("error", ({ message }) => notice(say("Something on this page does not work: {message}", { message })));
+  addEventListener("unhandledrejection", ({ reason }) => notice(say("Something on this page does not work: {value}", { value: reason?.message ?? reason })));
 }

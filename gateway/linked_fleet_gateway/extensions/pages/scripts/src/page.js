@@ -1,5 +1,6 @@
 // Parts of every page. The stop button comes first: nothing else may prevent it from working.
 
+import { say } from "./say.js";
 import * as stop from "./stop.js";
 import * as notice from "./notice.js";
 import * as region from "./region.js";
@@ -30,7 +31,7 @@ for (const part of [...PAGE, ...ROBOT, ...FLEET, ...parts]) {
   try {
     part.start();
   } catch (error) {
-    notice.notice(`Something on this page does not work: ${error.message}`);
+    notice.notice(say("Something on this page does not work: {message}", { message: error.message }));
   }
 }
 
@@ -52,5 +53,5 @@ function plots() {
 }
 
 function failed(error) {
-  notice.notice(`A part of this page could not be fetched: ${error.message}`);
+  notice.notice(say("A part of this page could not be fetched: {message}", { message: error.message }));
 }

@@ -1,5 +1,6 @@
 // The path of a motion that was planned: a robot that moves along it in the scene, by hand or in time.
 
+import { say } from "./say.js";
 import { drawing, ghost } from "./ghost.js";
 import { RDF_TYPE, lf } from "./vocabulary.js";
 import { positionsIn } from "./targets.js";
@@ -21,12 +22,12 @@ export function playBar(waypoints) {
   const end = waypoints[waypoints.length - 1].atTime;
   const bar = Object.assign(document.createElement("p"), { className: "buttons path" });
   const slider = Object.assign(document.createElement("input"), { type: "range", min: "0", max: String(end), step: "any", value: String(end) });
-  slider.setAttribute("aria-label", "Time along the path in seconds");
+  slider.setAttribute("aria-label", say("Time along the path in seconds"));
   const time = document.createElement("output");
-  const play = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: "Play the path" });
+  const play = Object.assign(document.createElement("button"), { type: "button", className: "quiet", textContent: say("Play the path") });
   const show = (seconds) => {
     slider.value = String(seconds);
-    time.textContent = `${seconds.toFixed(1)} s of ${end.toFixed(1)} s`;
+    time.textContent = say("{seconds} s of {end} s", { seconds: seconds.toFixed(1), end: end.toFixed(1) });
     ghost(positionsAt(waypoints, seconds));
   };
   let playing = 0;

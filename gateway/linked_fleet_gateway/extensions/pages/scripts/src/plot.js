@@ -1,5 +1,6 @@
 // The last minutes of each measured number: its history and then live values, drawn with uPlot while visible.
 
+import { say } from "./say.js";
 import uPlot from "uplot";
 
 import { AgentClock, isCurrent, onCurrency, STILL_S } from "./agent_clock.js";
@@ -199,8 +200,8 @@ class Plot {
   /** Show the choice of the drawn time span and the download of the history. */
   remembered() {
     if (this.bar || !this.wide) return;
-    const choose = Object.assign(document.createElement("select"), { ariaLabel: "how far back the plot reaches" });
-    for (const span of SPANS_S) choose.add(new Option(span < 60 ? `${span} s` : `${span / 60} min`, String(span), span === this.span, span === this.span));
+    const choose = Object.assign(document.createElement("select"), { ariaLabel: say("how far back the plot reaches") });
+    for (const span of SPANS_S) choose.add(new Option(span < 60 ? `${span} s` : say("{value} min", { value: span / 60 }), String(span), span === this.span, span === this.span));
     choose.onchange = () => {
       this.span = Number(choose.value);
       this.draw();
@@ -249,12 +250,12 @@ class Plot {
     const begin = now - this.span;
     const known = this.data.values.filter((value, index) => value !== null && this.data.times[index] >= begin);
     if (!known.length) known.push(...this.data.values.filter((value) => value !== null).slice(-1));
-    const span = this.span === 60 ? "minute" : this.span < 60 ? `${this.span} s` : `${this.span / 60} minutes`;
+    const span = this.span === 60 ? say("minute") : this.span < 60 ? `${this.span} s` : say("{value} minutes", { value: this.span / 60 });
     const text = known.length
-      ? `from ${number(Math.min(...known))} to ${number(Math.max(...known))}, ${current ? "now" : "at last"} ${number(known.at(-1))} ${unit}`
-      : "nothing measured yet";
+      ? say("from {number} to {number2}, {value} {number22} {unit}", { number: number(Math.min(...known)), number2: number(Math.max(...known)), value: current ? "now" : "at last", number22: number(known.at(-1)), unit })
+      : say("nothing measured yet");
     this.spoken = known.length ? spokenMs : -Infinity;
-    this.canvas.setAttribute("aria-label", `${title}, last ${span}: ${text}`.trim());
+    this.canvas.setAttribute("aria-label", say("{title}, last {span}: {text}", { title, span, text }).trim());
   }
 
   end() {

@@ -1,23 +1,24 @@
 // Disables controls whose requests would be refused, and says why: without the right, of a robot that is offline or under
 // the control of another, and while the gateway is silent.
 
+import { say } from "./say.js";
 import { holds } from "./control.js";
 import { describe } from "./form.js";
 import { adopt } from "./region.js";
 import { onConnection } from "./socket.js";
 
 const ACTIONS = "details.action form.invoke, [data-kind=action] form.invoke, form.motion";
-const OFFLINE = "The robot is offline: nothing can be sent to it.";
+const OFFLINE = say("The robot is offline: nothing can be sent to it.");
 const FORBIDDEN = {
-  act: "You have no right to move this robot.",
-  stop: "You have no right to stop this robot.",
-  reset: "You have no right to let this robot move again.",
-  admin: "You have no right to change this.",
-  subscribe: "You have no right to have messages sent or rules followed.",
+  act: say("You have no right to move this robot."),
+  stop: say("You have no right to stop this robot."),
+  reset: say("You have no right to let this robot move again."),
+  admin: say("You have no right to change this."),
+  subscribe: say("You have no right to have messages sent or rules followed."),
 };
 const UNHEARD = {
-  silent: "The gateway does not answer: what this form shows may be wrong.",
-  lost: "The connection is lost: what this form shows may be wrong.",
+  silent: say("The gateway does not answer: what this form shows may be wrong."),
+  lost: say("The connection is lost: what this form shows may be wrong."),
 };
 // What the holder of a control lease alone may do: motions and settings.
 const HELD = ["act", "reset", "admin"];
@@ -74,7 +75,7 @@ function refused(form, state) {
     if (state === "offline") return OFFLINE;
   }
   const holder = holderOf(leaseOf(form) ?? "");
-  return holder ? `${holder} has control of the robot: this would be refused.` : "";
+  return holder ? say("{holder} has control of the robot: this would be refused.", { holder }) : "";
 }
 
 /** Return who else has control, as the served page knows it until it is asked for. */

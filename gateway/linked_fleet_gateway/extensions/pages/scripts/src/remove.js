@@ -1,5 +1,6 @@
 // Buttons that delete a resource after a confirmation.
 
+import { say } from "./say.js";
 import { confirmed } from "./confirm.js";
 import { hold, refresh, release } from "./region.js";
 import { notice } from "./notice.js";
@@ -16,7 +17,7 @@ export function start() {
 async function ask(button) {
   const { delete: iri, title } = button.dataset;
   const what = button.ariaLabel ?? `${button.textContent.trim()} ${title ?? iri}`;
-  const answer = await confirmed(`${what}?`, { yes: button.textContent.trim(), no: "Keep it", danger: true });
+  const answer = await confirmed(`${what}?`, { yes: button.textContent.trim(), no: say("Keep it"), danger: true });
   if (answer !== undefined) remove(button, iri);
 }
 

@@ -1,5 +1,6 @@
 // Requests that change something, and the gateway's responses in its own words.
 
+import { say } from "./say.js";
 import { parse } from "./ntriples.js";
 import { proof, remember } from "./control.js";
 
@@ -26,7 +27,7 @@ export async function send(method, iri, { body, headers = {} } = {}) {
     response = await fetch(iri, { method, headers: fields, body, cache: "no-store", redirect: "error", keepalive: !body });
     text = await response.text();
   } catch {
-    return { problem: { title: "No answer", detail: "The gateway did not answer. Is the connection lost?", status: 0 }, location: null, status: 0 };
+    return { problem: { title: say("No answer"), detail: say("The gateway did not answer. Is the connection lost?"), status: 0 }, location: null, status: 0 };
   }
   remember(method, iri, response);
   const location = response.headers.get("location");
@@ -36,7 +37,7 @@ export async function send(method, iri, { body, headers = {} } = {}) {
 }
 
 function problemIn({ status, statusText }, type, text) {
-  const plain = { title: statusText || `Status ${status}`, detail: text.slice(0, 500), status };
+  const plain = { title: statusText || say("Status {status}", { status }), detail: text.slice(0, 500), status };
   if (!type.includes("json")) return plain;
   try {
     return { ...plain, ...JSON.parse(text) };

@@ -1,5 +1,6 @@
 // Filters rows of tables by a word, or by the contents of their cells.
 
+import { say } from "./say.js";
 import { adopt } from "./region.js";
 
 export function start() {
@@ -27,7 +28,7 @@ function apply(filter) {
   /** @type {NodeListOf<HTMLElement>} */
   const chapters = place.querySelectorAll("[data-chapter]");
   for (const chapter of chapters) chapter.hidden = !chapter.querySelector("[data-row]:not([hidden])");
-  filter.querySelector("output").textContent = shown === rows.length ? "" : `${shown} of ${rows.length} shown`;
+  filter.querySelector("output").textContent = shown === rows.length ? "" : say("{shown} of {length} shown", { shown, length: rows.length });
   /** @type {HTMLElement | null} */
   const none = place.querySelector("[data-none]");
   if (none) none.hidden = shown > 0 || !rows.length;

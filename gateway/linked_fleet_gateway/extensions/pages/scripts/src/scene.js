@@ -1,5 +1,6 @@
 // The robot in 3D: drawn from its URDF in its present pose, moving, with parts that lead to their pages.
 
+import { say } from "./say.js";
 import { Mesh, MeshBasicMaterial, SphereGeometry, Vector3 } from "three";
 
 import { converted, number } from "./format.js";
@@ -66,7 +67,7 @@ class RobotScene {
     this.started = true;
     this.panel = new Panel(this.section, { onMode: (mode) => this.colourBy(mode), onFit: () => this.view.fit() });
     const context = this.panel.canvas.getContext("webgl2", { antialias: true, alpha: true, powerPreference: "low-power" });
-    if (!context) return this.fail("This browser has no WebGL, which drawing the robot takes. All its parts are listed on this page.");
+    if (!context) return this.fail(say("This browser has no WebGL, which drawing the robot takes. All its parts are listed on this page."));
     this.panel.enter();
     try {
       this.view = new View(this.panel.canvas, context, (now) => this.animate(now));
@@ -74,7 +75,7 @@ class RobotScene {
       this.panel.canvas.addEventListener("themechange", () => this.paint());
       await this.load();
     } catch (error) {
-      if (!this.ending.signal.aborted) this.fail(`The robot cannot be drawn: ${error.message}`);
+      if (!this.ending.signal.aborted) this.fail(say("The robot cannot be drawn: {message}", { message: error.message }));
     }
   }
 
@@ -333,9 +334,9 @@ class RobotScene {
   marked() {
     this.unknown = new Set(this.motion?.unknown);
     this.panel.mark({ offline: this.offline, unknown: [...this.unknown] });
-    const title = this.robot?.robotName || "the robot";
-    const when = this.isPast ? " as it was" : this.offline ? ", offline, as it was last seen" : " in its present pose";
-    this.panel.name(`3D drawing of ${title}${when}`);
+    const title = this.robot?.robotName || say("the robot");
+    const value = this.isPast ? say(" as it was") : this.offline ? say(", offline, as it was last seen") : say(" in its present pose");
+    this.panel.name(say("3D drawing of {title}{value}", { title, value }));
     const faint = [...this.unknown].join("\n");
     if (faint !== this.faint) this.fade();
     this.faint = faint;
@@ -378,7 +379,7 @@ class RobotScene {
       part.colour(Number.isFinite(share) ? ramp(share) : this.view.colours.none);
       if (share > highest) [highest, where] = [share, part.joint.urdfName];
     }
-    this.most = where && `most: ${where}, ${Math.round(highest * 100)} %`;
+    this.most = where && say("most: {where}, {percent} %", { where, percent: Math.round(highest * 100) });
     this.panel.explain(this.mode, this.most);
   }
 
@@ -389,7 +390,7 @@ class RobotScene {
 
   positionOf(joint) {
     if (joint.jointType === "fixed") return { value: "", text: "fixed" };
-    if (this.unknown.has(joint.urdfName)) return { value: "", text: "position unknown" };
+    if (this.unknown.has(joint.urdfName)) return { value: "", text: say("position unknown") };
     const unit = joint.jointType === "prismatic" ? "m" : "rad";
     const position = Math.round(joint.angle / RESOLUTION) * RESOLUTION;
     return { value: String(position), text: `${number(position)} ${unit} (${converted(position, unit)})` };

@@ -1,5 +1,6 @@
 // Mesh files from robots. They are parsed in the thread of the Stop button, so whatever would take long is refused first.
 
+import { say } from "./say.js";
 import { BufferGeometry, Float32BufferAttribute } from "three";
 import { STLLoader } from "three/examples/jsm/loaders/STLLoader.js";
 
@@ -9,7 +10,7 @@ const MOST_CORNERS = 6e6; // of one robot, three to a triangle
 
 /** @throws {Error} if the file in this response is too large */
 export function checkSize(answer) {
-  if (Number(answer.headers.get("content-length")) > MOST_BYTES) throw new Error("it is too large to be drawn here");
+  if (Number(answer.headers.get("content-length")) > MOST_BYTES) throw new Error(say("it is too large to be drawn here"));
 }
 
 /**
@@ -22,7 +23,7 @@ export function stl(file) {
   if (size === file.byteLength) return new STLLoader().parse(file);
   const head = new TextDecoder().decode(file.slice(0, 10));
   if (head.includes("solid")) return textual(new TextDecoder().decode(file));
-  if (!(size < file.byteLength)) throw new Error("the file is shorter than it says");
+  if (!(size < file.byteLength)) throw new Error(say("the file is shorter than it says"));
   return new STLLoader().parse(file);
 }
 
@@ -60,7 +61,7 @@ export function checkCollada({ nodes }) {
 
 /** @throws {Error} if a file has more objects than can be drawn */
 export function limit(objects) {
-  if (objects > MOST_OBJECTS) throw new Error(`it has more than ${MOST_OBJECTS} objects`);
+  if (objects > MOST_OBJECTS) throw new Error(say("it has more than {MOST_OBJECTS} objects", { MOST_OBJECTS }));
 }
 
 /** Counts the drawn objects and corners of a robot. */
@@ -74,7 +75,7 @@ export class Budget {
   spend(object, times) {
     let corners = 0;
     object.traverse((/** @type {any} */ { isMesh, geometry }) => isMesh && (corners += geometry.index?.count ?? geometry.attributes.position?.count ?? 0));
-    if (corners * times > this.#left) throw new Error("the robot has more triangles than can be drawn here");
+    if (corners * times > this.#left) throw new Error(say("the robot has more triangles than can be drawn here"));
     this.#left -= corners * times;
   }
 }

@@ -1,5 +1,6 @@
 // Binary glTF 2.0 of robots: its triangles in its own axes, in metre. Nothing is loaded from elsewhere.
 
+import { say } from "./say.js";
 import { BufferAttribute, BufferGeometry, Group, Matrix4, Mesh, Quaternion, Vector3 } from "three";
 
 import { limit } from "./scene_files.js";
@@ -17,8 +18,8 @@ const SIZES = { SCALAR: 1, VEC3: 3 };
  */
 export function glb(file) {
   const { document, binary } = chunks(file);
-  if (document.extensionsRequired?.length) throw new Error(`it needs ${document.extensionsRequired}`);
-  if (document.buffers?.some(({ uri }) => uri)) throw new Error("its buffers are not in it");
+  if (document.extensionsRequired?.length) throw new Error(say("it needs {extensionsRequired}", { extensionsRequired: document.extensionsRequired }));
+  if (document.buffers?.some(({ uri }) => uri)) throw new Error(say("its buffers are not in it"));
   const whole = new Group();
   const scene = document.scenes?.[document.scene ?? 0];
   const pending = (scene?.nodes ?? []).map((node) => ({ node, parent: whole }));
@@ -39,9 +40,9 @@ export function glb(file) {
 
 function chunks(file) {
   const view = new DataView(file);
-  if (file.byteLength < 20 || view.getUint32(0, true) !== GLTF || view.getUint32(4, true) !== 2) throw new Error("it is no binary glTF 2.0");
+  if (file.byteLength < 20 || view.getUint32(0, true) !== GLTF || view.getUint32(4, true) !== 2) throw new Error(say("it is no binary glTF 2.0"));
   const length = view.getUint32(12, true);
-  if (view.getUint32(16, true) !== JSON_CHUNK || 20 + length > file.byteLength) throw new Error("it is no binary glTF 2.0");
+  if (view.getUint32(16, true) !== JSON_CHUNK || 20 + length > file.byteLength) throw new Error(say("it is no binary glTF 2.0"));
   const document = JSON.parse(new TextDecoder().decode(new Uint8Array(file, 20, length)));
   const start = 20 + length;
   const size = start + 8 <= file.byteLength ? view.getUint32(start, true) : 0;
@@ -69,11 +70,11 @@ function numbers(document, binary, index) {
   const kind = COMPONENTS[componentType];
   const size = SIZES[type];
   const view = document.bufferViews[bufferView];
-  if (!kind || !size || !view || view.buffer || sparse) throw new Error("it has numbers of an unknown form");
+  if (!kind || !size || !view || view.buffer || sparse) throw new Error(say("it has numbers of an unknown form"));
   const width = size * kind.BYTES_PER_ELEMENT;
   const stride = view.byteStride ?? width;
   const start = (view.byteOffset ?? 0) + byteOffset;
-  if (count && start + (count - 1) * stride + width > binary.byteLength) throw new Error("the file is shorter than it says");
+  if (count && start + (count - 1) * stride + width > binary.byteLength) throw new Error(say("the file is shorter than it says"));
   if (stride === width) return new kind(binary.slice(start, start + count * width));
   const found = new kind(count * size);
   for (let i = 0; i < count; i++) found.set(new kind(binary.slice(start + i * stride, start + i * stride + width)), i * size);

@@ -1,5 +1,6 @@
 // The robot as an object of three.js: its URDF without external references, with its meshes or substitutes.
 
+import { say } from "./say.js";
 import { Color, Group, LoadingManager, Mesh, Texture } from "three";
 import { ColladaComposer } from "three/examples/jsm/loaders/collada/ColladaComposer.js";
 import { ColladaParser } from "three/examples/jsm/loaders/collada/ColladaParser.js";
@@ -36,7 +37,7 @@ export async function fetchModel(address, signal) {
 export function build(urdf, address) {
   const xml = new DOMParser().parseFromString(urdf, "application/xml");
   const root = xml.querySelector(":root");
-  if (root?.nodeName !== "robot") throw new Error("the model is not a URDF");
+  if (root?.nodeName !== "robot") throw new Error(say("the model is not a URDF"));
   const declared = new Set([...root.querySelectorAll(":scope > link:has(> visual)")].map((link) => link.getAttribute("name")));
   harmless(root, address);
   const meshes = [];
@@ -65,7 +66,7 @@ function displayed() {
 
 /** Remove everything from the URDF that would be fetched from another host. */
 function harmless(root, address) {
-  if (root.querySelectorAll("geometry").length > MOST_SHAPES) throw new Error(`the model has more than ${MOST_SHAPES} shapes`);
+  if (root.querySelectorAll("geometry").length > MOST_SHAPES) throw new Error(say("the model has more than {MOST_SHAPES} shapes", { MOST_SHAPES }));
   for (const texture of root.querySelectorAll("texture")) texture.remove();
   for (const mesh of root.querySelectorAll("collision mesh")) mesh.remove();
   for (const mesh of root.querySelectorAll("visual mesh")) {

@@ -1,5 +1,6 @@
 // The objects in the world besides robots: obstacles and keep-out zones.
 
+import { say } from "./say.js";
 import { BoxGeometry, CylinderGeometry, DoubleSide, Group, Mesh, MeshStandardMaterial, Quaternion, SphereGeometry } from "three";
 
 import { key } from "./ntriples.js";
@@ -140,12 +141,12 @@ function form(graph, node) {
 }
 
 function extent(value) {
-  if (!(value > 0)) throw new Error("its extent is unknown");
+  if (!(value > 0)) throw new Error(say("its extent is unknown"));
   return value;
 }
 
 async function fetched(iri, signal) {
-  if (!iri) throw new Error("it has no form that is known here");
+  if (!iri) throw new Error(say("it has no form that is known here"));
   const answer = await fetch(iri, { headers: { Accept: "model/stl" }, signal });
   if (!answer.ok) throw new Error(`${answer.status} ${answer.statusText}`);
   checkSize(answer);

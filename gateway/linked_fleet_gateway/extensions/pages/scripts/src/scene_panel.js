@@ -1,12 +1,13 @@
 // The HTML around the drawing: progress, marks, the choice of colours and its legend.
 
+import { say } from "./say.js";
 import { MODES, ramp } from "./scene_parts.js";
 
-const HELP = "Drag to turn, pinch or scroll to zoom after a click. Keys: arrows, + and −, 0 shows the whole robot. " +
-  "A click on a part opens its joint, with Shift its link.";
+const HELP = say("Drag to turn, pinch or scroll to zoom after a click. Keys: arrows, + and −, 0 shows the whole robot. ") +
+  say("A click on a part opens its joint, with Shift its link.");
 const ENDS = {
-  "limit proximity": ["midway between the limits", "at a limit", "no limits, or position unknown"],
-  effort: ["no effort", "all that is allowed", "no limit, or effort unknown"],
+  "limit proximity": [say("midway between the limits"), say("at a limit"), say("no limits, or position unknown")],
+  effort: [say("no effort"), say("all that is allowed"), say("no limit, or effort unknown")],
 };
 
 let panels = 0;
@@ -20,16 +21,16 @@ export class Panel {
     this.fallback = [...section.children].filter((each) => !/^H[1-6]$/.test(each.tagName));
     this.canvas = make("canvas", { role: "img", tabIndex: 0 });
     this.bar = make("progress", { max: 1, value: 0 });
-    this.bar.setAttribute("aria-label", "meshes loaded");
+    this.bar.setAttribute("aria-label", say("meshes loaded"));
     this.count = make("span", {}, "loading");
     this.loading = make("p", { className: "scene-loading" }, this.bar, this.count);
-    this.badge = make("p", { className: "scene-badge", hidden: true }, "offline: as it was last seen");
+    this.badge = make("p", { className: "scene-badge", hidden: true }, say("offline: as it was last seen"));
     this.unknown = make("p", { className: "scene-unknown", hidden: true });
     this.label = make("div", { className: "scene-label", hidden: true });
     const help = make("p", { className: "scene-help", id: `scene-help${this.number}` }, HELP);
     this.canvas.setAttribute("aria-describedby", help.id);
     this.view = make("div", { className: "scene-view" }, this.canvas, this.badge, this.loading, this.unknown, this.label);
-    const fit = make("button", { type: "button", onclick: onFit }, "Show all");
+    const fit = make("button", { type: "button", onclick: onFit }, say("Show all"));
     this.controls = make("div", { className: "scene-bar" }, this.choice(onMode), fit, this.legend());
     this.note = make("p", { className: "scene-note", hidden: true });
     this.note.setAttribute("role", "status");
@@ -46,9 +47,9 @@ export class Panel {
     const choices = MODES.map((mode) => {
       const input = make("input", { type: "radio", name: `scene-colour${this.number}`, value: mode, checked: mode === MODES[0] });
       input.onchange = () => onMode(mode);
-      return make("label", {}, input, ` ${mode}`);
+      return make("label", {}, input, ` ${say(mode)}`);
     });
-    return make("fieldset", {}, make("legend", {}, "Colour by"), ...choices);
+    return make("fieldset", {}, make("legend", {}, say("Colour by")), ...choices);
   }
 
   legend() {
@@ -74,7 +75,7 @@ export class Panel {
 
   progress(done, of) {
     this.bar.value = of ? done / of : 1;
-    set(this.count, `${done} of ${of} meshes`);
+    set(this.count, say("{done} of {of} meshes", { done, of }));
     this.loading.hidden = done === of;
   }
 
@@ -106,7 +107,7 @@ export class Panel {
 
 function shortened(names) {
   const [first, rest] = [names.slice(0, 4).join(", "), names.length - 4];
-  return rest > 0 ? `${first} and ${rest} more` : first;
+  return rest > 0 ? say("{first} and {rest} more", { first, rest }) : first;
 }
 
 function set(element, text) {

@@ -1,5 +1,6 @@
 // A slider for each joint, which shows its position and sets its target.
 
+import { say } from "./say.js";
 import { number } from "./format.js";
 import { jointTargets, Motion } from "./motion.js";
 import { onJoints } from "./robot_state.js";
@@ -127,7 +128,7 @@ class Sliders {
 
   say() {
     const { length } = this.targets;
-    this.buttons.send.textContent = length > 1 ? `Move ${length} joints` : "Move";
+    this.buttons.send.textContent = length > 1 ? say("Move {length} joints", { length }) : say("Move");
     this.buttons.send.ariaDisabled = String(!length);
     this.buttons.reset.hidden = !length;
     this.form.toggleAttribute("data-aimed", length > 0);
@@ -161,7 +162,7 @@ class Row {
     const range = { type: "range", id, min: String(min * scale), max: String(max * scale), step: String(step) };
     this.range = make("input", { ...range, oninput: () => this.chosen(this.range) });
     this.field = make("input", { ...range, type: "number", step: "any", id: `${id}-n`, inputMode: "decimal", oninput: () => this.chosen(this.field) });
-    this.field.setAttribute("aria-label", `target of ${name} in ${symbol}`);
+    this.field.setAttribute("aria-label", say("target of {name} in {symbol}", { name, symbol }));
     this.value = make("output", { htmlFor: id, textContent: "…" });
     this.mark = make("i", { ariaHidden: "true" });
     const ends = make("small", { className: "ends" }, make("span", {}, shown(min, unit)), make("span", {}, shown(max, unit)));

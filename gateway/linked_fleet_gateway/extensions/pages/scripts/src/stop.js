@@ -1,12 +1,14 @@
 // The stop button. It depends on nothing else of the page, and works whatever else fails.
 
+import { say } from "./say.js";
+
 const AGAIN_MS = 2000;
 const ANSWER_MS = 3000;
 const SHOWN_MS = 8000;
-const ANSWERS_AGAIN = "The gateway answers again, and may not have got the stop: press Stop again if anything moves.";
+const ANSWERS_AGAIN = say("The gateway answers again, and may not have got the stop: press Stop again if anything moves.");
 const CONFIRMED = "<https://w3id.org/linked-fleet#state> <https://w3id.org/linked-fleet#succeeded>";
 const MOST_NAMED = 5;
-const NO_ANSWER = "No answer — use the hardware stop.";
+const NO_ANSWER = say("No answer — use the hardware stop.");
 let latest;
 
 export function start() {
@@ -20,7 +22,7 @@ export function start() {
   });
   const button = form.querySelector("button");
   if (button?.disabled) return; // without the right to stop
-  if (button && !button.title) button.title = "or press Escape twice";
+  if (button && !button.title) button.title = say("or press Escape twice");
   listen(form, output);
 }
 
@@ -35,8 +37,8 @@ function listen(form, output) {
     last = again ? -Infinity : timeStamp;
     if (again) stop(form, output);
     else if (output.dataset.state !== "waiting") {
-      say(output, "announced", `Press Escape again to stop ${form.querySelector("bdi")?.textContent ?? ""}`.trim() + ".");
-      withdraw = setTimeout(() => output.dataset.state === "announced" && say(output, "", ""), AGAIN_MS);
+      tellIn(output, "announced", say("Press Escape again to stop {value}", { value: form.querySelector("bdi")?.textContent ?? "" }).trim() + ".");
+      withdraw = setTimeout(() => output.dataset.state === "announced" && tellIn(output, "", ""), AGAIN_MS);
     }
   });
 }
@@ -44,12 +46,12 @@ function listen(form, output) {
 async function stop(form, output) {
   const mine = (latest = Symbol("stop"));
   const shown = () => mine === latest;
-  const tell = (state, text) => shown() && say(output, state, text);
+  const tell = (state, text) => shown() && tellIn(output, state, text);
   const tellLast = (state, text) => {
     tell(state, text);
     setTimeout(() => tell("", ""), SHOWN_MS);
   };
-  tell("waiting", "Stopping…");
+  tell("waiting", say("Stopping…"));
   // The request continues: a late response is shown as well.
   const late = setTimeout(() => tell("error", NO_ANSWER), ANSWER_MS);
   try {
@@ -61,10 +63,10 @@ async function stop(form, output) {
       cache: "no-store",
     });
     clearTimeout(late);
-    if (response.ok) return tellLast("done", at("Stop accepted"));
+    if (response.ok) return tellLast("done", at(say("Stop accepted")));
     tell("error", await reason(response));
     const invocation = response.status === 504 && response.headers.get("location");
-    if (invocation && (await until(shown, invocation, isConfirmed))) tellLast("done", at("Stop confirmed"));
+    if (invocation && (await until(shown, invocation, isConfirmed))) tellLast("done", at(say("Stop confirmed")));
   } catch {
     clearTimeout(late);
     tell("error", NO_ANSWER);
@@ -73,7 +75,7 @@ async function stop(form, output) {
 }
 
 function at(text) {
-  return `${text} at ${new Date().toLocaleTimeString("en-GB")}.`;
+  return say("{text} at {value}.", { text, value: new Date().toLocaleTimeString(document.documentElement.lang === "de" ? "de" : "en-GB") });
 }
 
 async function isConfirmed(response) {
@@ -105,20 +107,20 @@ async function until(shown, iri, isIt) {
 async function reason(response) {
   try {
     const { title, detail, unanswered } = await response.json();
-    if (!unanswered) return `Not stopped: ${title}. ${detail} Use the hardware stop.`;
-    return `Not confirmed by ${named(unanswered)}: the stop is repeated until confirmed. Use the hardware stop.`;
+    if (!unanswered) return say("Not stopped: {title}. {detail} Use the hardware stop.", { title, detail });
+    return say("Not confirmed by {named}: the stop is repeated until confirmed. Use the hardware stop.", { named: named(unanswered) });
   } catch {
-    return `Not stopped: status ${response.status}. Use the hardware stop.`;
+    return say("Not stopped: status {status}. Use the hardware stop.", { status: response.status });
   }
 }
 
 function named(robots) {
-  if (!robots.length) return "some robots";
+  if (!robots.length) return say("some robots");
   const shown = robots.slice(0, MOST_NAMED).join(", ");
-  return robots.length > MOST_NAMED ? `${shown} and ${robots.length - MOST_NAMED} others` : shown;
+  return robots.length > MOST_NAMED ? say("{shown} and {value} others", { shown, value: robots.length - MOST_NAMED }) : shown;
 }
 
-function say(output, state, text) {
+function tellIn(output, state, text) {
   output.dataset.state = state;
   output.textContent = text;
 }

@@ -1,5 +1,6 @@
 // Cards of running tasks: progress, state and a button to end each; in the form that began it, else above the page.
 
+import { say } from "./say.js";
 import { follow as followPage } from "./live.js";
 import { number } from "./format.js";
 import { send } from "./request.js";
@@ -71,12 +72,12 @@ class Card {
     this.link = this.add("a", { href: iri, textContent: localName(iri) });
     this.state = this.add("span", { className: "state", textContent: "…" });
     this.progress = this.add("progress", { max: 1, value: 0 });
-    this.progress.setAttribute("aria-label", "progress");
+    this.progress.setAttribute("aria-label", say("progress"));
     this.percent = this.add("small", { className: "percent" });
     this.reason = this.add("p", { className: "reason", hidden: true });
-    this.cancel = this.add("button", { type: "button", textContent: "Cancel", hidden: true });
+    this.cancel = this.add("button", { type: "button", textContent: say("Cancel"), hidden: true });
     this.cancel.onclick = () => this.end();
-    this.close = this.add("button", { type: "button", className: "close", textContent: "Dismiss", hidden: true });
+    this.close = this.add("button", { type: "button", className: "close", textContent: say("Dismiss"), hidden: true });
     this.close.onclick = () => this.remove();
     place.append(this.element);
     // A deleted invocation is no longer a task.
@@ -100,7 +101,8 @@ class Card {
     const state = localName(graph.value(this.iri, lf("state"))?.value ?? lf("unknown"));
     const share = Number(graph.follow(this.iri, [lf("progress"), NUMERICAL_VALUE])?.value) || 0;
     this.link.textContent = words(graph, this.iri);
-    this.state.textContent = this.state.dataset.state = this.element.dataset.state = state;
+    this.state.dataset.state = this.element.dataset.state = state;
+    this.state.textContent = say(state);
     this.progress.value = share;
     this.percent.textContent = `${number(Math.round(share * 100))} %`;
     this.say(graph.value(this.iri, lf("reason"))?.value ?? "");
@@ -110,7 +112,7 @@ class Card {
   }
 
   say(text) {
-    this.reason.textContent = text.replace(COMMAND, "another command");
+    this.reason.textContent = text.replace(COMMAND, say("another command"));
     this.reason.hidden = !text;
   }
 

@@ -1,5 +1,7 @@
 // The few terms that scripts know; everything else is read from pages.
 
+import { say } from "./say.js";
+
 export const RDF_TYPE = "http://www.w3.org/1999/02/22-rdf-syntax-ns#type";
 export const TITLE = "http://purl.org/dc/terms/title";
 export const LABEL = "http://www.w3.org/2000/01/rdf-schema#label";
@@ -53,5 +55,5 @@ export function taskName(iri) {
   const found = segments(iri);
   const at = found.indexOf("actions");
   if (at < 0 || at + 1 >= found.length) return found.at(-1) ?? "";
-  return [words(found[at + 1]), ...(at === 2 ? [found[1]] : [])].join(" ");
+  return [say(words(found[at + 1])), ...(at === 2 ? [found[1]] : [])].join(" ");
 }
