@@ -9,6 +9,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_gateway.api import DCTERMS, LDP, RDFS
 from linked_fleet_gateway.extensions.notes.terms import LF
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
+from linked_fleet_gateway.extensions.pages.languages import message
 
 _TEMPLATES = Path(__file__).parent / "templates"
 
@@ -57,8 +58,9 @@ def note(facts: Facts, iri: NamedNode) -> Part:
     return Part(more, {LF.noteText, LF.noteAbout, LF.writtenBy, DCTERMS.created})
 
 
+_HELP = message("What the next shift should know of robots and faults. Who wrote a note may change or delete it.")
 VIEWS = (
-    PageView(LF.NoteList, _TEMPLATES / "note_list.html", notes),
-    PageView(LF.RobotNotes, _TEMPLATES / "robot_notes.html", notes),
-    PageView(LF.Note, _TEMPLATES / "note.html", note),
+    PageView(LF.NoteList, _TEMPLATES / "note_list.html", notes, help=_HELP),
+    PageView(LF.RobotNotes, _TEMPLATES / "robot_notes.html", notes, help=_HELP),
+    PageView(LF.Note, _TEMPLATES / "note.html", note, help=message("One note, by whom and when it was written.")),
 )

@@ -19,7 +19,7 @@ else:
     quantity = LazyModule("linked_fleet_client.quantity")
 
 _NUMERIC = frozenset(NUMERIC)
-_CODE = re.compile(r"://|\?\w+.*\{|^[0-9a-f-]{16,}$|^[a-z]+/[a-z0-9.+-]+$|^[a-z]+[A-Z]\w*$")
+_CODE = re.compile(r"://|\?\w+.*\{|^[0-9a-f-]{16,}$|^[a-z]+/[a-z0-9.+-]+$|^[a-z]+[A-Z]\w*$|^\{\W|^\[[^ \w]|^\[\d")
 _AXES = (MATHS.x, MATHS.y, MATHS.z, LF.w)
 _VOCABULARIES = tuple(PREFIXES.values())
 _STATES = frozenset({LF.presence, LF.state, LF.deliveryState})
@@ -84,7 +84,7 @@ class Text:
 
     @property
     def is_code(self) -> bool:
-        """True for text meant for programs: IRIs, URI templates, digests, queries."""
+        """True for text meant for programs: IRIs, URI templates, digests, queries, JSON."""
         return _CODE.search(self.text) is not None
 
 

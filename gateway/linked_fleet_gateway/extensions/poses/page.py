@@ -9,6 +9,7 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.api import DCTERMS, LDP, RDFS
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
+from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.poses.terms import LF, MODIFIED
 from linked_fleet_gateway.rdf.vocabulary import UNIT, VOM
 
@@ -103,6 +104,18 @@ def _position(facts: Facts, target: BlankNode) -> Position | None:
 
 
 VIEWS = (
-    PageView(LF.PoseList, _TEMPLATES / "pose_list.html", poses),
-    PageView(LF.SavedPose, _TEMPLATES / "saved_pose.html", pose),
+    PageView(
+        LF.PoseList,
+        _TEMPLATES / "pose_list.html",
+        poses,
+        help=message(
+            "Save the pose of the robot under a name. Ticked in their order, poses become the steps of a mission."
+        ),
+    ),
+    PageView(
+        LF.SavedPose,
+        _TEMPLATES / "saved_pose.html",
+        pose,
+        help=message("One saved pose: go there, change its positions, or teach it anew from where the robot is."),
+    ),
 )

@@ -4,13 +4,14 @@ import { Moments } from "./moments.js";
 import { number } from "../../pages/scripts/src/format.js";
 import { whenWanted } from "../../pages/scripts/src/lazy_scene.js";
 import { parse } from "../../pages/scripts/src/ntriples.js";
+import { say } from "../../pages/scripts/src/say.js";
 import { lf } from "../../pages/scripts/src/vocabulary.js";
 
 const STEPS = 1000;
 const AHEAD_S = 20;
 const DECIMALS = 5; // more are invisible
 const [TURNS, SLIDES] = [["rad", "rad/s", "N m"], ["m", "m/s", "N"]];
-const NOTHING = "Nothing is known of this time: the robot was not heard, or the history does not reach so far.";
+const NOTHING = say("Nothing is known of this time: the robot was not heard, or the history does not reach so far.");
 
 export function start(/** @type {HTMLElement} */ section) {
   Object.assign(section, { replay: new Replay(section) });
@@ -57,7 +58,7 @@ class Replay {
 
   play() {
     if (this.time >= this.end) this.go(this.begin);
-    this.button.textContent = "Pause";
+    this.button.textContent = say("Pause");
     let last = performance.now();
     const step = (now) => {
       this.frame = requestAnimationFrame(step);
@@ -72,7 +73,7 @@ class Replay {
   pause() {
     cancelAnimationFrame(this.frame);
     this.frame = undefined;
-    this.button.textContent = "Play";
+    this.button.textContent = say("Play");
     this.go(this.time);
   }
 
@@ -103,7 +104,7 @@ class Then {
     this.table = article.querySelector(".scroll");
     this.values = article.querySelector(".replay-values");
     this.ready = this.find();
-    this.ready.catch((error) => this.say(`It cannot be shown: ${error.message}`));
+    this.ready.catch((error) => this.say(say("It cannot be shown: {message}", { message: error.message })));
   }
 
   /** Find the model and the history of the robot by its links. */
@@ -113,7 +114,7 @@ class Then {
     if (!answer.ok) throw new Error(`${answer.status} ${answer.statusText}`);
     const graph = parse(await answer.text());
     const [model, history] = ["model", "history"].map((name) => graph.value(robot, lf(name))?.value);
-    if (!frames && !history) throw new Error("no history of it is kept");
+    if (!frames && !history) throw new Error(say("no history of it is kept"));
     this.moments = new Moments(frames ?? history, Boolean(frames));
     if (!model) return;
     this.scene.dataset.model = model;
@@ -132,7 +133,7 @@ class Then {
       await this.ready;
       return await this.moments.range();
     } catch (error) {
-      this.say(`It cannot be shown: ${error.message}`);
+      this.say(say("It cannot be shown: {message}", { message: error.message }));
       return undefined;
     }
   }
@@ -152,7 +153,7 @@ class Then {
         if (goesOn && !this.moments.isWhole) this.moments.part(next + AHEAD_S).catch(() => {});
       }
     } catch (error) {
-      this.say(`It cannot be shown: ${error.message}`);
+      this.say(say("It cannot be shown: {message}", { message: error.message }));
     } finally {
       this.busy = false;
     }
@@ -184,7 +185,7 @@ class Then {
 function row(name, values, units) {
   const line = document.createElement("tr");
   const head = Object.assign(document.createElement("th"), { textContent: name, scope: "row" });
-  const text = (value, unit) => (Number.isFinite(value) ? `${number(Number(value.toFixed(DECIMALS)))} ${unit}` : "unknown");
+  const text = (value, unit) => (Number.isFinite(value) ? `${number(Number(value.toFixed(DECIMALS)))} ${unit}` : say("unknown"));
   line.append(head, ...values.map((value, index) => Object.assign(document.createElement("td"), { textContent: text(value, units[index]) })));
   return line;
 }

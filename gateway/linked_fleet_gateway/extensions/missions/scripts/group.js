@@ -7,6 +7,7 @@ import { offer } from "../../pages/scripts/src/group.js";
 import { notice } from "../../pages/scripts/src/notice.js";
 import { key } from "../../pages/scripts/src/ntriples.js";
 import { fresh, send } from "../../pages/scripts/src/request.js";
+import { say } from "../../pages/scripts/src/say.js";
 import { RDF_TYPE, TITLE, lf, localName } from "../../pages/scripts/src/vocabulary.js";
 
 const IDENTIFIER = "http://purl.org/dc/terms/identifier";
@@ -19,22 +20,22 @@ export function start() {
     const { root } = document.body.dataset;
     const [missions, queue] = ["missions", "queue"].map((each) => new URL(each, root).href);
     const found = await missionsForRobots(missions).catch((error) => {
-      notice(`The missions cannot be had: ${error.message}`);
+      notice(say("The missions cannot be had: {message}", { message: error.message }));
     });
     if (!found) return undefined;
     if (!found.length) {
-      notice("No mission takes a robot: give one a parameter of the type iri without options, and let its steps act on that.");
+      notice(say("No mission takes a robot: give one a parameter of the type iri without options, and let its steps act on that."));
       return undefined;
     }
     const which = choice(found.map(({ iri, title }) => /** @type {[string, string]} */ ([iri, title])), found[0].iri);
     const waits = document.querySelector(`nav a[href="${queue}"]`);
     /** @type {[string, string][]} */
-    const begins = [["now", "now"]];
-    if (waits) begins.unshift(["queue", "in the queue, each in its turn"]);
+    const begins = [["now", say("now")]];
+    if (waits) begins.unshift(["queue", say("in the queue, each in its turn")]);
     const when = choice(begins, begins[0][0]);
-    const robots = count === 1 ? "1 robot" : `${count} robots`;
-    const more = [field("Mission", which), field("Begin", when)];
-    const sure = await confirmed(`Which mission do ${robots} get?`, { yes: "Give the mission", more });
+    const robots = count === 1 ? say("1 robot") : say("{count} robots", { count });
+    const more = [field(say("Mission"), which), field(say("Begin"), when)];
+    const sure = await confirmed(say("Which mission do {robots} get?", { robots }), { yes: say("Give the mission"), more });
     if (sure === undefined) return undefined;
     const { iri, parameter } = found.find((each) => each.iri === which.value);
     if (when.value === "queue") return (robot) => send("POST", queue, { body: JSON.stringify({ mission: iri, input: { [parameter]: robot } }), headers: JSON_BODY });

@@ -6,6 +6,7 @@ import { key, parse, write } from "../../pages/scripts/src/ntriples.js";
 import { drawScene, sceneOf } from "../../pages/scripts/src/other_scene.js";
 import { adopt, refresh } from "../../pages/scripts/src/region.js";
 import { send } from "../../pages/scripts/src/request.js";
+import { say } from "../../pages/scripts/src/say.js";
 import { DECIMAL, NUMERICAL_VALUE, TITLE, lf } from "../../pages/scripts/src/vocabulary.js";
 
 const COMMENT = "http://www.w3.org/2000/01/rdf-schema#comment";
@@ -37,26 +38,26 @@ export function start() {
 
 const iri = (value) => write({ kind: "iri", value });
 const literal = (value) => write({ kind: "literal", value });
-const say = (predicate, object) => `_:pose ${iri(predicate)} ${object} .\n`;
+const statement = (predicate, object) => `_:pose ${iri(predicate)} ${object} .\n`;
 
 /** Return a body that saves the present positions of some joints, or of all. */
 function present(title, note, joints) {
-  return [say(TITLE, literal(title)), note && say(COMMENT, literal(note)), ...joints.map((each) => say(lf("ofJoint"), iri(each)))].filter(Boolean).join("");
+  return [statement(TITLE, literal(title)), note && statement(COMMENT, literal(note)), ...joints.map((each) => statement(lf("ofJoint"), iri(each)))].filter(Boolean).join("");
 }
 
 async function save(/** @type {HTMLFormElement} */ form) {
   if (form.getAttribute("aria-busy") === "true") return;
   const data = new FormData(form);
   const [title, note, joints] = ["title", "note", "joints"].map((name) => String(data.get(name) ?? "").trim());
-  if (!title) return answer(form, "error", "A pose needs a name.");
+  if (!title) return answer(form, "error", say("A pose needs a name."));
   form.setAttribute("aria-busy", "true");
-  answer(form, "waiting", "Asking…");
+  answer(form, "waiting", say("Asking…"));
   const body = present(title, note, joints.split(" ").filter(Boolean));
   const { problem, location } = await send("POST", form.dataset.teach, { body });
   form.removeAttribute("aria-busy");
   if (problem) return answer(form, "error", `${problem.title}. ${problem.detail}`);
   form.reset();
-  answer(form, "done", "Saved: ", Object.assign(document.createElement("a"), { href: location, textContent: title }));
+  answer(form, "done", say("Saved: "), Object.assign(document.createElement("a"), { href: location, textContent: title }));
   refresh();
 }
 
@@ -90,12 +91,12 @@ function number() {
 
 async function makeMission(/** @type {HTMLFormElement} */ form) {
   if (form.getAttribute("aria-busy") === "true") return;
-  if (!steps.length) return answer(form, "error", "No pose is chosen: tick those that the mission has as its steps.");
+  if (!steps.length) return answer(form, "error", say("No pose is chosen: tick those that the mission has as its steps."));
   const action = form.dataset.assume;
   const list = steps.map((pose) => ({ type: "invoke", title: pose, action, body: { pose } }));
   const mission = { title: steps.join(", ").slice(0, 200), step: { type: "sequence", steps: list } };
   form.setAttribute("aria-busy", "true");
-  answer(form, "waiting", "Asking…");
+  answer(form, "waiting", say("Asking…"));
   const headers = { "Content-Type": "application/json" };
   const { problem, location: made } = await send("POST", form.dataset.sequence, { body: JSON.stringify(mission), headers });
   form.removeAttribute("aria-busy");
@@ -140,7 +141,7 @@ class Editing {
     const headers = { "If-Match": this.form.dataset.match ?? "*" };
     const { problem } = await send("PUT", this.form.dataset.action, { body, headers });
     if (problem) return answer(this.form, "error", `${problem.title}. ${problem.detail}`);
-    answer(this.form, "done", "Done.");
+    answer(this.form, "done", say("Done."));
     this.show();
     refresh();
   }
@@ -195,7 +196,7 @@ class Going {
 
   get body() {
     const scale = Number(this.speed.value);
-    const slower = scale === 1 ? "" : say(lf("speedScale"), write({ kind: "literal", value: String(scale), datatype: DECIMAL }));
-    return say(lf("poseName"), literal(this.title)) + slower;
+    const slower = scale === 1 ? "" : statement(lf("speedScale"), write({ kind: "literal", value: String(scale), datatype: DECIMAL }));
+    return statement(lf("poseName"), literal(this.title)) + slower;
   }
 }

@@ -94,7 +94,7 @@ function patchTags(robot, way, tag) {
 }
 
 function robots(count) {
-  return count === 1 ? "1 robot" : say("{count} robots", { count });
+  return count === 1 ? say("1 robot") : say("{count} robots", { count });
 }
 
 async function act(name) {

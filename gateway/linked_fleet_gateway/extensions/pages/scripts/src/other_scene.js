@@ -2,6 +2,7 @@
 
 import { button, element } from "./elements.js";
 import { whenWanted } from "./lazy_scene.js";
+import { say } from "./say.js";
 
 /**
  * Return the section of a robot's scene, not drawn so far; undefined if the robot has no model.
@@ -16,7 +17,7 @@ export async function sceneOf(robot) {
   const scene = /** @type {HTMLElement} */ (document.importNode(found, true));
   scene.dataset.lazily = "";
   scene.dataset.robot = robot;
-  scene.replaceChildren(element("p", { className: "fallback" }, "The robot in 3D."), button("Show the robot in 3D", () => {}, { hidden: true }));
+  scene.replaceChildren(element("p", { className: "fallback" }, say("The robot in 3D.")), button(say("Show the robot in 3D"), () => {}, { hidden: true }));
   return scene;
 }
 

@@ -83,7 +83,7 @@ export class Panel {
     this.section.toggleAttribute("data-offline", offline);
     this.badge.hidden = !offline;
     this.unknown.hidden = !unknown.length;
-    set(this.unknown, unknown.length ? `Position unknown: ${shortened(unknown)}` : "");
+    set(this.unknown, unknown.length ? say("Position unknown: {names}", { names: shortened(unknown) }) : "");
   }
 
   name(text) {
