@@ -52,7 +52,8 @@ class Faults:
         fault = Fault(part, robot, f"{what}: {type(error).__name__}: {error}"[:_LONGEST])
         if self._known.get((part, robot, thing)) == fault:
             return
-        log.error("%s (logged once)", fault.reason, exc_info=error)
+        # What the system refuses, such as a full disk, is no defect of a program that a traceback would show.
+        log.error("%s (logged once)", fault.reason, exc_info=None if isinstance(error, OSError) else error)
         self._known[part, robot, thing] = fault
         if len(self._known) > MAX_FAULTS:
             del self._known[next(iter(self._known))]

@@ -209,7 +209,7 @@ class Archive:
         text = "" if error is None else f"{type(error).__name__}: {error}"
         if text != self.failure:
             self.failure = text
-            self._failed(error)
+            self._failed(OSError(str(error)) if isinstance(error, sqlite3.Error) else error)
 
     def _prune(self) -> None:
         """Remove the oldest segments beyond the time and the bytes that are kept. Raises OSError."""
