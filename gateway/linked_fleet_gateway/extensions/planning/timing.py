@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 
 import numpy as np
-from roboplan.core import JointPath, Scene
+from roboplan.core import JointPath, JointTrajectory, Scene
 from roboplan.toppra import PathParameterizerTOPPRA, SplineFittingMode, TOPPRAOptions
 
 from linked_fleet_gateway.extensions.world.path import highest_speed
@@ -23,6 +23,10 @@ _ROUNDINGS = (0.3, 0.1)
 _SHARE = 0.98
 """Share of the speed limits, so that the curve through the waypoints stays within them."""
 _SHORTEST_S = 0.005
+_LONGEST_S = 3_600.0
+"""Numerical trouble gives some curves a motion of weeks, whose samples would fill the memory."""
+_WHOLE_S = 1e15
+"""A step in which every motion fits, so that nothing but its duration is computed."""
 _SAMPLES = 3
 """Places of the curve that are looked at from one waypoint to the next."""
 
@@ -40,11 +44,7 @@ class Timed:
 
 def quickly_timed_s(scene: Scene, path: JointPath) -> float | None:
     """Return how long the path takes with a stop at each corner; None if it has no such motion."""
-    options = TOPPRAOptions(dt=STEP_S, mode=SplineFittingMode.Hermite, velocity_scale=_SHARE)
-    try:
-        return float(PathParameterizerTOPPRA(scene).generate(path, options).times[-1])
-    except RuntimeError:
-        return None
+    return _Curve(scene, path, SplineFittingMode.Hermite).duration_s
 
 
 def fastest(
@@ -54,20 +54,15 @@ def fastest(
 
     ``speeds`` are the limits of its joints, in order.
     """
-    parameterizer = PathParameterizerTOPPRA(scene)
     best: Timed | None = None
     for mode, rounding in ((SplineFittingMode.Cubic, 0.0), *((SplineFittingMode.LinearBlend, r) for r in _ROUNDINGS)):
         if mode is SplineFittingMode.Cubic and len(path.positions) <= 2:
             continue
-        options = TOPPRAOptions(dt=STEP_S, mode=mode, velocity_scale=_SHARE, max_blend_deviation=rounding)
-        try:
-            found = parameterizer.generate(path, options)
-        except (RuntimeError, MemoryError):  # of numerical trouble with this curve, which may seem to take for ever
+        curve = _Curve(scene, path, mode, rounding)
+        if curve.duration_s is None or (best is not None and curve.duration_s >= best.duration_s):
             continue
-        if len(found.times) < 2:  # numerical trouble too
-            continue
-        timed = _thinned(found.times, np.array(found.positions))
-        if (best is None or timed.duration_s < best.duration_s) and accepts(timed):
+        timed = curve.timed(STEP_S)
+        if accepts(timed):
             best = timed
     return None if best is None else _within(best, speeds)
 
@@ -76,12 +71,35 @@ def smooth(scene: Scene, path: JointPath, speeds: Array) -> Timed | None:
     """Return the fastest motion along a path of many places near each other, or None."""
     if len(path.positions) == 1:
         return None
-    options = TOPPRAOptions(dt=FINE_STEP_S, mode=SplineFittingMode.Cubic, velocity_scale=_SHARE)
-    try:
-        found = PathParameterizerTOPPRA(scene).generate(path, options)
-    except RuntimeError:  # of numerical trouble
-        return None
-    return _within(_thinned(found.times, np.array(found.positions)), speeds)
+    curve = _Curve(scene, path, SplineFittingMode.Cubic)
+    return None if curve.duration_s is None else _within(curve.timed(FINE_STEP_S), speeds)
+
+
+class _Curve:
+    """A curve through a path and its fastest motion; ``duration_s`` is None if numerical trouble leaves it without."""
+
+    def __init__(self, scene: Scene, path: JointPath, mode: SplineFittingMode, rounding: float | None = None) -> None:
+        self._parameterizer, self._path = PathParameterizerTOPPRA(scene), path
+        self._options = TOPPRAOptions(mode=mode, velocity_scale=_SHARE)
+        if rounding is not None:
+            self._options.max_blend_deviation = rounding
+        self.duration_s = self._duration_s()
+
+    def _duration_s(self) -> float | None:
+        try:
+            times = self._motion(_WHOLE_S).times
+        except RuntimeError:
+            return None
+        return float(times[-1]) if len(times) >= 2 and times[-1] <= _LONGEST_S else None
+
+    def _motion(self, step_s: float) -> JointTrajectory:
+        self._options.dt = step_s
+        return self._parameterizer.generate(self._path, self._options)
+
+    def timed(self, step_s: float) -> Timed:
+        """Return the motion, if there is one."""
+        found = self._motion(step_s)
+        return _thinned(found.times, np.array(found.positions))
 
 
 def _thinned(times_s: Sequence[float], positions: Array) -> Timed:
