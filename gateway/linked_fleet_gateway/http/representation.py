@@ -207,7 +207,8 @@ class Representations:
 
     def _is_long(self, resource: Resource, media_type: str) -> bool:
         """Return True if a representation takes more than a few milliseconds."""
-        return media_type not in resource.documents and (resource.is_long or media_type == HTML)
+        document = resource.rendition(media_type)
+        return resource.is_long or media_type == HTML if document is None else document.is_long
 
     async def _in_thread(
         self, make: Write[_A], asked: _A, resource: Resource, base: str, context: Context, threads: Offload
@@ -216,7 +217,7 @@ class Representations:
         graph = Graph()
         async for _ in time_sliced(resource.describe_in_steps(graph, base)):
             pass
-        return await threads.run(partial(make, asked, resource, base, context, graph), len(graph.statements), 0)
+        return await threads.run(partial(make, asked, resource, base, context, graph), len(graph.statements) + 1, 0)
 
     def _represent(
         self, media_type: str, resource: Resource, base: str, context: Context, graph: Graph | None = None

@@ -35,6 +35,8 @@ class Rendition(Struct, frozen=True):
     """The same bytes in content codings, the preferred one first."""
     is_constant: bool = False
     """True if it has no measured values, so that it is in no message."""
+    is_long: bool = False
+    """True if it takes more than a few milliseconds, so that a thread writes it. It reads nothing that changes."""
 
     def __call__(self) -> bytes:
         return self.write()

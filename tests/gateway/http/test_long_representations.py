@@ -15,7 +15,7 @@ from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.description import InSteps, run_steps
 from linked_fleet_gateway.resources.html import HTML, HtmlWriter, PageContext
-from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.resources.resource import Rendition, Resource
 from linked_fleet_gateway.runtime import background
 
 _BASE = "http://fleet.example"
@@ -90,6 +90,25 @@ def test_long_representations_are_written_in_a_thread(monkeypatch: pytest.Monkey
     asyncio.run(run())
     assert len(threads) == len(RDF_TYPES) and len(pages.threads) == 1
     assert threading.get_ident() not in {*threads, *pages.threads}
+
+
+def test_long_documents_are_written_in_a_thread_for_readers_and_for_comparison_of_tags() -> None:
+    threads = list[int]()
+
+    def write() -> bytes:
+        threads.append(threading.get_ident())
+        return b"time"
+
+    found = Resource("/b", "", None, documents={"text/csv": Rendition(write, is_long=True)})
+    representations, offload = Representations(), Offload()
+
+    async def run() -> None:
+        shown = await representations.negotiate_interleaved("text/csv", found, _BASE, PageContext, offload)
+        tags = [tag async for tag in representations.etags_interleaved(found, _BASE, PageContext, offload)]
+        assert (shown.body, tags) == (b"time", [shown.etag])
+
+    asyncio.run(run())
+    assert len(threads) == 2 and threading.get_ident() not in threads
 
 
 def test_its_tags_are_those_of_its_documents() -> None:

@@ -50,6 +50,7 @@ def _list(view: RequestView, robot: str, known: Mapping[str, Recorded]) -> Resou
 
 def _one(view: RequestView, robot: str, id: str, recorded: Recorded) -> Resource:
     path = f"{recordings_path(robot)}/{id}"
+    name = path[1:].replace("/", "-")
 
     def describe(graph: Graph) -> None:
         _describe(graph, view.iri(path), robot, recorded)
@@ -61,8 +62,8 @@ def _one(view: RequestView, robot: str, id: str, recorded: Recorded) -> Resource
         describe,
         source=Source(lambda: id),
         documents={
-            MCAP: Rendition(recorded.read, f"{path[1:]}.mcap".replace("/", "-")),
-            CSV: Rendition(lambda: table_of(robot, recorded.read()), f"{path[1:]}.csv".replace("/", "-")),
+            MCAP: Rendition(recorded.read, f"{name}.mcap", is_long=True),
+            CSV: Rendition(lambda: table_of(robot, recorded.read()), f"{name}.csv", is_long=True),
         },
         publishes_changes=False,
     )

@@ -19,15 +19,16 @@ from rdflib import URIRef
 from browser import DCTERMS, LDP, Browser
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
-from linked_fleet_gateway.api import Core
+from linked_fleet_gateway.api import Core, RequestView, Resource
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
+from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, joints_of
 from linked_fleet_gateway.extensions.recordings import folder, recorder
 from linked_fleet_gateway.extensions.recordings.occasion import outcome
 from linked_fleet_gateway.extensions.recordings.recorder import MOST_OF_ROBOT, MOST_WAITING, Job, Recorder
-from linked_fleet_gateway.extensions.recordings.resources import TERMS
+from linked_fleet_gateway.extensions.recordings.resources import TERMS, recordings_branch
 from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.subscriptions.live import Live
 from running import eventually
@@ -228,6 +229,17 @@ def test_a_robot_without_samples_has_a_file_with_the_invocation_alone(bench: Any
     one = Invocation("id", "r", "/r/actions/stop", {}, 1, 2, stops=(), state=SUCCEEDED)
     ((at, said),) = read(Job("r", Excerpt(joints), b"", outcome(one), 7).content)["/rosout"]
     assert (at, said.level) == (7, 30)
+
+
+async def test_files_of_a_recording_are_made_in_a_thread(made: Bench) -> None:
+    made.begin(stops=())
+    await made._write_next()
+    ((id, _),) = made.of("r0").items()
+    view = cast(RequestView, None)
+    found = recordings_branch(made).resolve(view, made._core.robots["r0"], [id])
+    assert isinstance(found, Resource)
+    renditions = [found.rendition(each) for each in (CSV, MCAP)]
+    assert all(each is not None and each.is_long and each() for each in renditions)
 
 
 @pytest.fixture
