@@ -83,8 +83,8 @@ def robot_history_template(
     def values() -> tuple[Literal, ...]:
         return Literal(f"History of {robot.name}"), *_extent(page)
 
-    findings = () if history.archive is None else tuple(history.archive.findings)
-    return DescriptionTemplate(("history of a robot", tuple(parts), findings), path, describe, values)
+    key = ("history of a robot", tuple(parts), tuple(history.findings))
+    return DescriptionTemplate(key, path, describe, values)
 
 
 def _extent(page: Page) -> tuple[Literal, Literal, Literal]:

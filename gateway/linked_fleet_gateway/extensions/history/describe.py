@@ -223,8 +223,8 @@ def describe_disk(graph: Graph, iri: NamedNode, history: History) -> None:
     """Add for how long samples are kept on disk, and what is wrong with it."""
     if (archive := history.archive) is not None:
         graph.scalar(iri, LF.diskSpan, archive.keep_s, SECOND)
-        for each in archive.findings:
-            graph.add(iri, CORE.fault, Literal(each))
+    for each in history.findings:
+        graph.add(iri, CORE.fault, Literal(each))
 
 
 def extent(page: Page) -> Extent:

@@ -160,7 +160,7 @@ class HistoryExtension(Extension):
                 await stack.enter_async_context(archive.running())
                 await stack.enter_async_context(watching_values(core, archive))
             most = settings.mb * 10**6
-            history = History(core.live.fleet, float(settings.s), float(settings.hz), most, archive)
+            history = History(core.live.fleet, float(settings.s), float(settings.hz), most, archive, core.faults)
             await stack.enter_async_context(history)
             yield Mount(
                 branches=(list_branch(history), *(history_branches(history, world) if settings.s else ())),

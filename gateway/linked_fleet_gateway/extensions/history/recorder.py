@@ -14,6 +14,7 @@ from typing import Self
 
 from linked_fleet_gateway.api import cancel_tasks, supervised, time_sliced
 from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.segment import Layout
 from linked_fleet_gateway.extensions.history.thinning import GAP_NS, gap_after
@@ -33,6 +34,8 @@ FILES = 16
 _WORKERS = 2
 MAX_WAITING = 64
 """Requests that wait for a thread; further ones get 503."""
+AHEAD_NS = 60 * 10**9
+"""Frames whose stamps are further ahead of the clock here are not recorded."""
 
 
 class History:
@@ -43,15 +46,24 @@ class History:
     """
 
     def __init__(
-        self, fleet: Fleet, span_s: float, rate_hz: float, most_bytes: int, archive: Archive | None = None
+        self,
+        fleet: Fleet,
+        span_s: float,
+        rate_hz: float,
+        most_bytes: int,
+        archive: Archive | None = None,
+        faults: Faults | None = None,
     ) -> None:
         self.span_s, self.rate_hz, self.most_bytes = span_s, rate_hz, most_bytes
         self.archive = archive
+        self.ahead: dict[str, int] = {}
+        """The number of frames that were not recorded, by robot: its clock is ahead of that of the gateway."""
+        self._refused: dict[str, bytes] = {}
         self.bytes = 0
         self.files = asyncio.Semaphore(FILES)
         self._workers = asyncio.Semaphore(_WORKERS)
         self._waiting = 0
-        self._fleet = fleet
+        self._fleet, self._faults = fleet, Faults() if faults is None else faults
         self._tracks: dict[str, Track] = {}
         self._tasks: list[asyncio.Task[None]] = []
 
@@ -68,6 +80,12 @@ class History:
     @property
     def samples(self) -> int:
         return sum(map(len, list(self._tracks.values())))
+
+    @property
+    def findings(self) -> list[str]:
+        """Sentences for readers about what is not recorded, and what cannot be read."""
+        ahead = [f"Robots whose clocks are too far ahead to be recorded: {len(self.ahead)}"] if self.ahead else []
+        return ahead if self.archive is None else ahead + self.archive.findings
 
     @asynccontextmanager
     async def worker(self) -> AsyncIterator[None]:
@@ -125,7 +143,7 @@ class History:
                 return
             track = self._begin(latest, track)
         frame = latest.frame[0]
-        if track is None or frame is track.heard:
+        if track is None or frame is track.heard or self._is_ahead(latest.robot, frame):
             return
         if track.heard is not None and wall_ns(frame) - wall_ns(track.heard) > GAP_NS:
             self._append(track, gap_after(track.heard))
@@ -133,6 +151,24 @@ class History:
         track.heard, track.heard_s = frame, time.monotonic()
         if self.archive is not None:
             self.archive.add(latest.robot, frame)
+
+    def _is_ahead(self, robot: str, frame: bytes) -> bool:
+        """Return True for a frame of the future, which is counted; the first one of a robot is logged."""
+        ahead_ns = wall_ns(frame) - time.time_ns()
+        if ahead_ns <= AHEAD_NS:
+            self.ahead.pop(robot, None)
+            self._refused.pop(robot, None)
+            return False
+        if frame is self._refused.get(robot):
+            return True
+        self._refused[robot] = frame
+        if robot not in self.ahead:
+            text = "the history of robot %s has a gap: its clock is ahead by %.0f s"
+            log.warning(text, robot, ahead_ns / 1e9, extra={"robot": robot})
+        self.ahead[robot] = self.ahead.get(robot, 0) + 1
+        if self.archive is not None:
+            self.archive.lost += 1
+        return True
 
     def _append(self, track: Track, frame: bytes) -> None:
         self.bytes -= track.bytes
@@ -142,9 +178,10 @@ class History:
     def _end_silent(self) -> None:
         """Add the gap of each robot that is heard no longer."""
         before_s = time.monotonic() - GAP_NS / 1e9
-        for track in self._tracks.values():
+        for name, track in self._tracks.items():
             if track.heard_s < before_s and track.heard is not None and track.heard is track.newest:
-                self._append(track, gap_after(track.heard))
+                with self._faults.guard("History", name, "the gap"):
+                    self._append(track, gap_after(track.heard))
 
     def _begin(self, latest: Latest, before: Track | None) -> Track | None:
         """Start a track for another run or description; other joints start a new history."""
@@ -164,4 +201,6 @@ class History:
 
     def _forget(self, name: str) -> None:
         track = self._tracks.pop(name, None)
+        self.ahead.pop(name, None)
+        self._refused.pop(name, None)
         self.bytes -= 0 if track is None else track.bytes

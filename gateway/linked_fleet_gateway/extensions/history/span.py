@@ -50,7 +50,7 @@ class Span:
         return min(self.limit or (MOST if whole else _NEWEST), MOST)
 
     def begin(self, newest_ns: int) -> int | None:
-        return self.begin_ns if self.last_ns is None else newest_ns - self.last_ns
+        return self.begin_ns if self.last_ns is None else max(0, newest_ns - self.last_ns)
 
 
 def parse_span(query: Iterable[tuple[str, str]]) -> Span:

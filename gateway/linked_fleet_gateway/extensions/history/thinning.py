@@ -9,7 +9,7 @@ import math
 import struct
 
 from linked_fleet_agent.wire.codec import layout
-from linked_fleet_gateway.extensions.history.track import wall_ns
+from linked_fleet_gateway.extensions.history.track import LATEST_NS, wall_ns
 
 STILL_NS = 10 * 10**9
 """The longest time between two kept frames of a robot that is heard."""
@@ -26,7 +26,7 @@ _TOLERANCE = 0.95
 def gap_after(frame: bytes) -> bytes:
     """Return the frame that says that nothing is known from just after ``frame`` on."""
     said = bytearray(frame[:_VALUES_AT])
-    _WALL.pack_into(said, _WALL_AT, wall_ns(frame) + 1)
+    _WALL.pack_into(said, _WALL_AT, min(wall_ns(frame) + 1, LATEST_NS))
     return bytes(said) + _UNKNOWN * ((len(frame) - _VALUES_AT) // len(_UNKNOWN))
 
 

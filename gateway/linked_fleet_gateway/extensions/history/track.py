@@ -22,6 +22,8 @@ from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, UNITLESS, Unit
 from linked_fleet_gateway.rdf.vocabulary import LF, SPATIAL
 
+LATEST_NS = 2**63 - 1
+"""No frame has a later stamp."""
 _WALL = struct.Struct("<q")
 _WALL_AT = next(field.offset for field in layout(1, False) if field.name == "wall_ns")
 _SLOT_BYTES = 8  # of the list

@@ -9,6 +9,7 @@ import pytest
 
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
+from linked_fleet_gateway.extensions.history import recorder
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.thinning import gap_after
 from linked_fleet_gateway.extensions.history.track import wall_ns
@@ -188,6 +189,51 @@ def test_a_pause_between_two_frames_is_a_gap() -> None:
     track = history.track(fleet.robots["r"])
     assert track is not None
     assert track.excerpt(None, None, 9).frames == (frame(1), gap_after(frame(1)), frame(50))
+
+
+@pytest.mark.parametrize("stamp_ns", [2**63 - 1, 2**63 - 2, time.time_ns() + 3600 * S])
+async def test_frames_of_the_future_are_refused_counted_and_cost_no_other_robot(
+    stamp_ns: int, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    fleet, history = make("a", "b")
+    await history._sample_all()
+    for sequence in (2, 3):
+        ahead = encode_state(
+            State(
+                incarnation=1, sequence=sequence, monotonic_ns=1, wall_ns=stamp_ns,
+                positions=(0.0,) * 3, velocities=(0.0,) * 3, efforts=(0.0,) * 3,
+            )
+        )  # fmt: skip
+        assert fleet.frames.put("a", ahead, 1) and fleet.frames.put("b", frame(sequence), 1)
+        for _ in range(2):
+            await history._sample_all()
+    assert (stamps(history, fleet, "a"), stamps(history, fleet, "b")) == ([1], [1, 2, 3])
+    assert history.ahead == {"a": 2} and "too far ahead" in history.findings[0]
+    assert len([each for each in caplog.messages if "its clock is ahead" in each]) == 1
+    monkeypatch.setattr(time, "monotonic", lambda: 1e9)
+    await history._sample_all()
+    assert all(len(history._tracks[each]) == count for each, count in (("a", 2), ("b", 4))), "the gaps"
+    assert fleet.frames.put("a", frame(4), 1)
+    look(history, fleet)
+    assert history.ahead == {} and history.findings == []
+
+
+async def test_the_gap_of_one_robot_that_fails_costs_no_other(monkeypatch: pytest.MonkeyPatch) -> None:
+    fleet, history = make("a", "b")
+    await history._sample_all()
+    monkeypatch.setattr(history._tracks["a"], "heard_s", -1e9)
+    monkeypatch.setattr(history._tracks["b"], "heard_s", -1e9)
+    usual = recorder.gap_after
+
+    def gap(frame: bytes) -> bytes:
+        if frame is history._tracks["a"].heard:
+            raise ValueError("no gap")
+        return usual(frame)
+
+    monkeypatch.setattr(recorder, "gap_after", gap)
+    await history._sample_all()
+    assert (len(history._tracks["a"]), len(history._tracks["b"])) == (1, 2)
+    assert "no gap" in history._faults.find("History", "a", "the gap")
 
 
 async def test_nothing_is_recorded_with_a_span_of_zero() -> None:
