@@ -5,19 +5,32 @@ The event loop only collects what is to be written. A thread writes a batch ever
 
 import asyncio
 import logging
+import math
 import secrets
 import sqlite3
+import threading
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from linked_fleet_gateway.api import cancel_tasks, supervised
-from linked_fleet_gateway.extensions.history.segment import SUFFIX, Layout, Said, Writer
+from linked_fleet_gateway.extensions.history.segment import (
+    EVENT,
+    HELD,
+    SUFFIX,
+    VALUE,
+    DamagedSegmentError,
+    Layout,
+    Said,
+    UnreadableSegmentError,
+    Writer,
+    finish_left,
+)
 from linked_fleet_gateway.extensions.history.shelf import SEGMENT_NS, Shelf, remove, size_of
-from linked_fleet_gateway.extensions.history.thinning import GAP_NS, Thinning, gap_after, is_gap
+from linked_fleet_gateway.extensions.history.thinning import AHEAD_NS, GAP_NS, Thinning, gap_after, is_gap
 
 log = logging.getLogger(__name__)
 
@@ -27,6 +40,13 @@ _SHARE = 16
 _PRUNE_S = 60.0
 _MOST_PENDING = 200_000
 """Frames that wait for the thread; more are lost, and counted."""
+_MOST_PENDING_BYTES = 32 * 2**20
+"""Bytes of values of components that wait for the thread; more are lost, and counted."""
+_SHARE_OF_VALUES = 512
+"""The values of a robot take at most this part of all that may be kept in a segment; more are lost, and counted."""
+_OF_ROW = 64
+"""Bytes that a value takes beside its path and its JSON."""
+_UNKNOWN = "null"
 
 
 @dataclass
@@ -60,9 +80,9 @@ class Archive:
         open_writer: Callable[[Path], Writer] = Writer,
     ) -> None:
         self.keep_s, self.most_bytes, self.rate_hz = keep_s, most_bytes, rate_hz
-        self.shelf = Shelf(folder)
+        self.shelf = Shelf(folder, now_ns)
         self.lost = 0
-        """Frames that could not be written."""
+        """Frames and values that could not be written."""
         self.failure = ""
         """Why nothing is written at present."""
         self.bytes = 0
@@ -70,10 +90,25 @@ class Archive:
         self._layouts: dict[str, Layout] = {}
         self._pending: deque[tuple[str, Layout, bytes]] = deque()
         self._values: list[Said] = []
+        self._value_bytes = 0
         self._robots: dict[str, _Robot] = {}
+        self._told: set[str] = set()
+        """Robots of which it was logged that something of them is lost."""
+        self._held: dict[str, dict[str, Said]] = {}
+        """The last value of each property, by robot and path."""
+        self._written: dict[str, int] = {}
+        """Bytes of values in the present segment, by robot."""
+        self._crowded: dict[str, set[str]] = {}
+        """Properties whose values had no room in the present segment, by robot."""
+        self._holds_known = False
+        """True if the present segment has what was known when it began."""
+        self._in_parts: set[Path] = set()
+        """Finished segments that somebody has read since, so that they are no single files yet."""
+        self._lock = threading.Lock()
+        self._closed = False
         self._writer: Writer | None = None
         self._begin_ns = 0
-        self._pruned_s = -_PRUNE_S
+        self._pruned_s = -math.inf
 
     # -- the event loop -----------------------------------------------------------------------------------------------
 
@@ -93,9 +128,15 @@ class Archive:
 
     def add_values(self, values: Sequence[Said]) -> None:
         """Write values and events of components with the next batch."""
-        room = _MOST_PENDING - len(self._values)
-        self._values += values[:room]
-        self.lost += len(values[room:])
+        latest_ns = self._now_ns() + AHEAD_NS
+        for each in values:
+            size = _size(each)
+            if not 0 <= each.stamp_ns <= latest_ns or self._value_bytes + size > _MOST_PENDING_BYTES:
+                self.lost += 1
+                self._tell(each.robot, "a value is lost: it comes from the future, or too many others wait")
+            else:
+                self._values.append(each)
+                self._value_bytes += size
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -113,7 +154,7 @@ class Archive:
 
     def _take(self) -> _Batch:
         frames, self._pending = self._pending, deque()
-        values, self._values = self._values, []
+        values, self._values, self._value_bytes = self._values, [], 0
         return _Batch(list(frames), values)
 
     # -- the thread that writes ---------------------------------------------------------------------------------------
@@ -130,44 +171,104 @@ class Archive:
 
     def write(self, batch: _Batch, now_s: float) -> None:
         """Write what is worth it of a batch; ``now_s`` is monotonic."""
-        chosen = list(self._chosen(batch.frames, now_s))
+        with self._lock:
+            self._write(batch, now_s)
+            if self._closed:  # this thread has begun when the gateway had ended already
+                self._finish_last()
+
+    def _write(self, batch: _Batch, now_s: float) -> None:
+        chosen, wrote = list[tuple[Layout, bytes]](), False
         try:
             if self._writer is not None:
                 self._roll_if_due(self._writer)
+            chosen = self._chosen(batch.frames, now_s)
             if chosen or batch.values:
-                self._present_writer().write(chosen, batch.values)
+                writer = self._present_writer()
+                writer.write(chosen, [*self._known_before(), *self._with_room(batch.values)])
+                self._holds_known = wrote = True
             if now_s - self._pruned_s >= _PRUNE_S:
                 self._pruned_s = now_s
                 self._prune()
-        except (sqlite3.Error, OSError) as error:
-            self.lost += len(chosen) + len(batch.values)
-            self._robots.clear()  # what comes next begins anew, after a gap
+        except Exception as error:  # noqa: BLE001 - whatever a batch has in it, the next one is written
+            if not wrote:
+                self.lost += len(chosen or batch.frames) + len(batch.values)
+                self._hold(batch.values)
+                if not isinstance(error, (sqlite3.Error, OSError)):  # something in them cannot be written at all
+                    for each in batch.values:
+                        self._held.get(each.robot, {}).pop(each.path, None)
+                self._holds_known = False
+                self._robots.clear()  # what comes next begins anew, after a gap
             if not isinstance(error, sqlite3.OperationalError):  # such as a full disk: the segment itself is fine
                 self._abandon()
             self._say(error)
         else:
-            if self.failure and (chosen or batch.values):
+            if self.failure and wrote:
                 self._say(None)
 
-    def _chosen(self, frames: Sequence[tuple[str, Layout, bytes]], now_s: float) -> Iterator[tuple[Layout, bytes]]:
+    def _chosen(self, frames: Sequence[tuple[str, Layout, bytes]], now_s: float) -> list[tuple[Layout, bytes]]:
+        found = list[tuple[Layout, bytes]]()
         for name, layout, frame in frames:
-            robot = self._robots.get(name)
-            if robot is None or robot.layout is not layout:
-                yield from ((robot.layout, each) for each in robot.thinning.end()) if robot else self._left(name)
-                robot = self._robots[name] = _Robot(layout, Thinning(self.rate_hz))
-            robot.heard_s = now_s
-            for each in robot.thinning.take(frame):
-                yield layout, each
+            try:
+                found += self._taken(name, layout, frame, now_s)
+            except Exception as error:  # noqa: BLE001 - whatever is wrong with the frame, those of others are written
+                self.lost += 1
+                self._robots.pop(name, None)
+                self._tell(name, f"a frame is lost: {type(error).__name__}: {error}")
         for name, robot in list(self._robots.items()):
             if now_s - robot.heard_s > GAP_NS / 1e9:
-                yield from ((robot.layout, each) for each in robot.thinning.end())
+                found += [(robot.layout, each) for each in robot.thinning.end()]
                 del self._robots[name]
+        return found
 
-    def _left(self, robot: str) -> Iterator[tuple[Layout, bytes]]:
-        """Yield the gap after the last frame of a robot that a former process has written."""
+    def _taken(self, name: str, layout: Layout, frame: bytes, now_s: float) -> list[tuple[Layout, bytes]]:
+        found, robot = list[tuple[Layout, bytes]](), self._robots.get(name)
+        if robot is None or robot.layout is not layout:
+            found += [(robot.layout, each) for each in robot.thinning.end()] if robot else self._left(name)
+            robot = self._robots[name] = _Robot(layout, Thinning(self.rate_hz))
+        robot.heard_s = now_s
+        return found + [(layout, each) for each in robot.thinning.take(frame)]
+
+    def _known_before(self) -> list[Said]:
+        """Return what was known when the segment began, so that it answers alone what held at a time."""
+        if self._holds_known:
+            return []
+        known = [replace(each, kind=HELD) for held in self._held.values() for each in held.values()]
+        return list(self._with_room(known))
+
+    def _with_room(self, values: Sequence[Said]) -> Iterator[Said]:
+        """Yield the values for which there is room. The first one of a property for which there is none is unknown."""
+        self._hold(values)
+        for each in values:
+            size, written = _size(each), self._written.get(each.robot, 0)
+            if written + size <= self.most_bytes / _SHARE_OF_VALUES:
+                self._written[each.robot] = written + size
+                self._crowded.get(each.robot, set()).discard(each.path)
+                yield each
+                continue
+            self.lost += 1
+            self._tell(each.robot, "values of its components are lost: they take more bytes in an hour than there are")
+            crowded = self._crowded.setdefault(each.robot, set())
+            if each.kind != EVENT and each.path not in crowded:
+                crowded.add(each.path)
+                yield replace(each, json=_UNKNOWN)
+
+    def _hold(self, values: Sequence[Said]) -> None:
+        for each in values:
+            if each.kind == VALUE:
+                self._held.setdefault(each.robot, {})[each.path] = each
+
+    def _tell(self, robot: str, what: str) -> None:
+        """Log what is lost of a robot, once until the segment is over."""
+        if robot not in self._told:
+            self._told.add(robot)
+            log.warning("history of robot %s: %s", robot, what, extra={"robot": robot})
+
+    def _left(self, robot: str) -> list[tuple[Layout, bytes]]:
+        """Return the gap after the last frame of a robot that a former process has written."""
         last = self.shelf.read(robot, None, None, 1)
-        if last.layout is not None and not is_gap(last.frames[-1]):
-            yield last.layout, gap_after(last.frames[-1])
+        if last.layout is None or is_gap(last.frames[-1]):
+            return []
+        return [(last.layout, gap_after(last.frames[-1]))]
 
     def _present_writer(self) -> Writer:
         """Return the present segment, which begins now if there is none. Raises sqlite3.Error, OSError."""
@@ -182,6 +283,9 @@ class Archive:
                     remove(path)
                 raise
             self.shelf.put(path, self._begin_ns, self._writer.ranges)
+            self._holds_known = False
+            for each in (self._written, self._crowded, self._told):
+                each.clear()
         return self._writer
 
     def _roll_if_due(self, writer: Writer) -> None:
@@ -189,14 +293,21 @@ class Archive:
             self._abandon()
         elif self._now_ns() - self._begin_ns >= SEGMENT_NS or size_of(writer.path) > self.most_bytes / _SHARE:
             self._finish(writer)
-            self._prune()
+            self._pruned_s = -math.inf
 
     def _finish(self, writer: Writer) -> None:
+        """Finish a segment; one that cannot be finished now costs nothing that is still to be written."""
         self._writer = None
         try:
             writer.finish()
+        except sqlite3.Error as error:
+            log.warning("a segment of the history is not finished: %s: %s", writer.path.name, error)
         finally:
-            writer.close()
+            with suppress(sqlite3.Error):
+                writer.close()
+            if not writer.is_single:
+                self._in_parts.add(writer.path)
+            self.shelf.end_present()
 
     def _abandon(self) -> None:
         """Begin another segment with the next batch."""
@@ -204,22 +315,33 @@ class Archive:
             self._writer = None
             with suppress(sqlite3.Error):
                 writer.close()
+            self.shelf.end_present()
 
     def _say(self, error: Exception | None) -> None:
-        text = "" if error is None else f"{type(error).__name__}: {error}"
+        """Say what keeps the thread from writing: to readers without the path of the folder, which the log has."""
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        text = "" if error is None else f"{type(error).__name__}: {why}"
         if text != self.failure:
             self.failure = text
-            self._failed(OSError(str(error)) if isinstance(error, sqlite3.Error) else error)
+            if error is not None:
+                log.warning("the history in %s is not written: %s", self.shelf.folder, error)
+            self._failed(OSError(str(why)) if isinstance(error, (sqlite3.Error, OSError)) else error)
 
     def _prune(self) -> None:
         """Remove the oldest segments beyond the time and the bytes that are kept. Raises OSError."""
         present = None if self._writer is None else self._writer.path
+        self._in_parts -= {each for each in self._in_parts if _is_single_now(each)}
         self.bytes = self.shelf.prune(self._now_ns() - int(self.keep_s * 1e9), self.most_bytes, present)
 
     def close(self) -> None:
         """Write what is pending, and finish the segment."""
         batch = self._take()
-        self.write(batch, time.monotonic())
+        with self._lock:
+            self._closed = True
+            self._write(batch, time.monotonic())
+            self._finish_last()
+
+    def _finish_last(self) -> None:
         chosen = [(each.layout, one) for each in self._robots.values() for one in each.thinning.end()]
         self._robots.clear()
         try:
@@ -228,7 +350,7 @@ class Archive:
             if self._writer is not None:
                 self._finish(self._writer)
         except (sqlite3.Error, OSError) as error:
-            log.warning("the last segment of the history is not finished: %s", error)
+            log.warning("the last frames of the history are lost: %s", error)
             self._abandon()
 
     @property
@@ -237,4 +359,21 @@ class Archive:
         found = [f"Nothing is written to disk at present: {self.failure}"] if self.failure else []
         if damaged := self.shelf.damaged:
             found.append(f"{len(damaged)} damaged files are skipped, such as {damaged[0]}")
+        if unreadable := self.shelf.unreadable:
+            found.append(f"{len(unreadable)} files cannot be read at present, such as {unreadable[0]}")
         return found
+
+
+def _size(said: Said) -> int:
+    return len(said.json) + len(said.path) + _OF_ROW
+
+
+def _is_single_now(path: Path) -> bool:
+    """Make a finished segment a single file. Return False if somebody still reads it."""
+    try:
+        finish_left(path)
+    except UnreadableSegmentError:
+        return not path.exists()
+    except DamagedSegmentError:
+        pass  # readers find it
+    return True

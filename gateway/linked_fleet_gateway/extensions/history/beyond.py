@@ -3,14 +3,14 @@
 Frames on disk are sparser (thinning.py). They are those before the oldest frame in memory, so that no time comes twice.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from linked_fleet_agent.urdf.document import UrdfError
 from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.describe import Page
 from linked_fleet_gateway.extensions.history.segment import Layout
-from linked_fleet_gateway.extensions.history.shelf import Found
+from linked_fleet_gateway.extensions.history.shelf import MOST_BYTES, Found
 from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, wall_ns
 from linked_fleet_gateway.fleet.model import RobotModel
@@ -28,7 +28,8 @@ def with_extent(archive: Archive | None, robot: str, page: Page) -> Page:
 def beyond(archive: Archive | None, robot: str, page: Page, most: int) -> Callable[[], Page] | None:
     """Return what reads the page in a thread, if memory has not all of it; ``page`` is what memory has.
 
-    Without a time, a history is that in memory.
+    It has at most ``most`` frames and MOST_BYTES, since frames on disk may be longer than the present ones. Without a
+    time, a history is that in memory.
     """
     span = page.span
     if archive is None or span == Span(limit=span.limit):
@@ -72,7 +73,8 @@ def _forward(archive: Archive, robot: str, page: Page, begin_ns: int, most: int)
     later, memory = tuple[bytes, ...](), page.excerpt
     after = found.after
     if memory is not None and after is None:
-        room = most - len(found.frames) if joints.has_same_layout(memory.joints) else 0
+        fit = _fitting(memory.frames, MOST_BYTES - _bytes(found.frames))
+        room = min(most - len(found.frames), fit) if joints.has_same_layout(memory.joints) else 0
         later = memory.frames[:room]
         after = wall_ns(memory.frames[room]) if room < len(memory.frames) else memory.after
     return _page(page, found, Excerpt(joints, (*found.frames, *later), None, after))
@@ -82,13 +84,22 @@ def _backward(archive: Archive, robot: str, page: Page, most: int) -> Page:
     """Return the last frames before a time: those in memory, and before them as many on disk as there is room for."""
     memory = page.excerpt
     frames = () if memory is None else memory.frames
-    found = archive.shelf.read(robot, None, _end_of_disk(page), most - len(frames))
+    found = archive.shelf.read(robot, None, _end_of_disk(page), most - len(frames), MOST_BYTES - _bytes(frames))
     joints = _joints_of(found.layout)
     if joints is None:
         return page
     if memory is not None and frames and not joints.has_same_layout(memory.joints):
         return replace(page, excerpt=replace(memory, before=wall_ns(found.frames[-1])))
     return _page(page, found, Excerpt(joints, (*found.frames, *frames), found.before, None))
+
+
+def _bytes(frames: Sequence[bytes]) -> int:
+    return sum(map(len, frames))
+
+
+def _fitting(frames: Sequence[bytes], most_bytes: int) -> int:
+    """Return how many of the first frames, which have one length, have at most so many bytes."""
+    return max(0, most_bytes) // len(frames[0]) if frames else 0
 
 
 def _page(page: Page, found: Found, excerpt: Excerpt) -> Page:

@@ -6,7 +6,7 @@ event that occurs more often the last occurrence.
 
 import logging
 import time
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Callable, Iterator, Sequence
 from contextlib import asynccontextmanager
 
 import msgspec
@@ -14,7 +14,7 @@ import msgspec
 from linked_fleet_gateway.api import Core, Robot, cancel_tasks, robot_path, supervised, time_sliced
 from linked_fleet_gateway.extensions.components.part import ComponentPart
 from linked_fleet_gateway.extensions.history.archive import Archive
-from linked_fleet_gateway.extensions.history.segment import Said
+from linked_fleet_gateway.extensions.history.segment import EVENT, VALUE, Said
 
 log = logging.getLogger(__name__)
 
@@ -34,12 +34,15 @@ class ValueWatch:
     def look(self, robot: Robot) -> list[Said]:
         """Return what the components of a robot have said since the last look."""
         parts = [each for each in robot.parts.values() if isinstance(each, ComponentPart)]
+        if not parts and robot.name not in self._seen:
+            return []
         online = robot.presence != "offline"
         seen = tuple((each.whole.incarnation, each.whole.changes, each.is_current, online) for each in parts)
-        if self._seen.get(robot.name, ()) == seen:
+        if self._seen.get(robot.name) == seen:
             return []
         self._seen[robot.name] = seen
         found = [said for each in parts for said in (*self._changed(robot, each), *self._occurred(robot, each))]
+        found += self._ended(robot, parts)
         return sorted(found, key=lambda each: each.stamp_ns)
 
     def forget(self, names: set[str]) -> None:
@@ -55,10 +58,18 @@ class ValueWatch:
             value = state.value(name) if part.is_current and robot.presence != "offline" else None
             text = _json(value)
             path = part.path_of(name).removeprefix(robot_path(robot.name))
-            if known.get(path, _UNKNOWN) != text:
+            if known.get(path) != text:  # also a first one that is unknown: it ends what was known before a restart
                 known[path] = text
                 stamp_ns = self._now_ns() if value is None else state.times_ns[name]
-                yield Said(robot.name, path, "value", text, stamp_ns)
+                yield Said(robot.name, path, VALUE, text, stamp_ns)
+
+    def _ended(self, robot: Robot, parts: Sequence[ComponentPart]) -> Iterator[Said]:
+        """Yield that nothing is known of properties that the robot has no longer."""
+        known, own = self._values.get(robot.name, {}), robot_path(robot.name)
+        present = {part.path_of(name).removeprefix(own) for part in parts for name in part.declared.properties}
+        for path in known.keys() - present:
+            if known.pop(path) != _UNKNOWN:
+                yield Said(robot.name, path, VALUE, _UNKNOWN, self._now_ns())
 
     def _occurred(self, robot: Robot, part: ComponentPart) -> Iterator[Said]:
         known = self._events.setdefault(robot.name, {})
@@ -66,7 +77,7 @@ class ValueWatch:
             path = part.path_of(name).removeprefix(robot_path(robot.name))
             if known.get(path) != happened.wall_ns:
                 known[path] = happened.wall_ns
-                yield Said(robot.name, path, "event", _json(happened.data), happened.wall_ns)
+                yield Said(robot.name, path, EVENT, _json(happened.data), happened.wall_ns)
 
 
 def _json(value: object) -> str:
@@ -81,8 +92,7 @@ async def watching_values(core: Core, archive: Archive) -> AsyncIterator[None]:
     async def look() -> None:
         watch.forget(set(core.robots))
         async for robot in time_sliced(list(core.robots.values())):
-            if robot.parts:
-                archive.add_values(watch.look(robot))
+            archive.add_values(watch.look(robot))
 
     task = supervised(look, "values of components on disk", log, "values of components are not kept", LOOK_S)
     try:

@@ -14,7 +14,6 @@ from typing import Any, ClassVar
 
 from prometheus_client.metrics_core import Metric
 from starlette.responses import Response
-from starlette.types import Receive, Scope, Send
 
 from linked_fleet_gateway.api import (
     Core,
@@ -28,7 +27,6 @@ from linked_fleet_gateway.api import (
     gauge,
     read_resource,
 )
-from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.component_values import watching_values
@@ -37,14 +35,12 @@ from linked_fleet_gateway.extensions.history.listing import HISTORIES, list_bran
 from linked_fleet_gateway.extensions.history.operations import operations
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.resources import RecordedHistory, history_branches
+from linked_fleet_gateway.extensions.history.sending import paced
 from linked_fleet_gateway.extensions.history.span import parse_span
 from linked_fleet_gateway.extensions.history.values import RecordedValues, read_values
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
-from linked_fleet_gateway.serving import WebLink, check_preconditions, link_header
-
-_PIECE_BYTES = 64 * 1024
-_LINK_BYTES = 512
+from linked_fleet_gateway.serving import check_preconditions
 
 
 async def read_history(request: Request, found: Resource, past: RecordedHistory) -> Response:
@@ -73,35 +69,9 @@ async def read_history(request: Request, found: Resource, past: RecordedHistory)
         async with past.history.worker():
             response = await asyncio.to_thread(lambda: work(templated()))
     media_type = response.headers.get("content-type", "").partition(";")[0]
-    file = media_type in (CSV, MCAP)
-    page, address = shown.file if file else shown.document, request.base + shown.resource.path
-    leads = [
-        WebLink(f"{address}?{query}", rel) for rel, query in (("next", page.next), ("prev", page.previous)) if query
-    ]
-    if leads:
-        response.headers.append("link", link_header(leads, [], limit=_LINK_BYTES))
-    if len(response.body) <= _PIECE_BYTES:
-        return response
-    if past.history.files.locked():
-        raise Busy("Too many histories are being sent; try again.")
-    return _Pieces(response, past.history.files)
-
-
-class _Pieces(Response):
-    """A response sent at the pace of the client. It occupies a slot until then, because its bytes stay in memory."""
-
-    def __init__(self, response: Response, slots: asyncio.Semaphore) -> None:
-        self.status_code, self.raw_headers, self.body = response.status_code, response.raw_headers, response.body
-        self.background = None
-        self._slots = slots
-
-    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        async with self._slots:
-            await send({"type": "http.response.start", "status": self.status_code, "headers": self.raw_headers})
-            for first in range(0, len(self.body), _PIECE_BYTES):
-                piece = bytes(self.body[first : first + _PIECE_BYTES])
-                more = first + _PIECE_BYTES < len(self.body)
-                await send({"type": "http.response.body", "body": piece, "more_body": more})
+    page = shown.file if media_type in (CSV, MCAP) else shown.document
+    queries = {"next": page.next, "prev": page.previous}
+    return paced(response, past.history, request.base + shown.resource.path, queries)
 
 
 @dataclass(frozen=True)

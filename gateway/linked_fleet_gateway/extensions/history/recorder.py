@@ -17,7 +17,7 @@ from linked_fleet_gateway.base.errors import Busy
 from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.segment import Layout
-from linked_fleet_gateway.extensions.history.thinning import GAP_NS, gap_after
+from linked_fleet_gateway.extensions.history.thinning import AHEAD_NS, GAP_NS, gap_after
 from linked_fleet_gateway.extensions.history.track import Track, joints_of, wall_ns
 from linked_fleet_gateway.fleet.events import Latest
 from linked_fleet_gateway.fleet.fleet import Fleet
@@ -34,8 +34,6 @@ FILES = 16
 _WORKERS = 2
 MAX_WAITING = 64
 """Requests that wait for a thread; further ones get 503."""
-AHEAD_NS = 60 * 10**9
-"""Frames whose stamps are further ahead of the clock here are not recorded."""
 
 
 class History:

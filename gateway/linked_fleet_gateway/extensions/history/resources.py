@@ -34,6 +34,7 @@ from linked_fleet_gateway.extensions.history.describe import (
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP, recording, table
 from linked_fleet_gateway.extensions.history.ground import ground_of
 from linked_fleet_gateway.extensions.history.recorder import History
+from linked_fleet_gateway.extensions.history.shelf import MOST_BYTES
 from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.extensions.history.track import (
     Excerpt,
@@ -62,8 +63,6 @@ from linked_fleet_gateway.serving import Rendition
 SEGMENT = "history"
 _SHORT, _SHORT_OF_VECTORS = 256, 16
 """Samples of a page that are read at once; a pose is computed from the positions of all joints above."""
-_FILE_BYTES = 8 * 2**20
-"""Most bytes of frames in one file; a longer history needs several files."""
 
 
 @dataclass(frozen=True)
@@ -248,9 +247,9 @@ def _most(history: History, track: Track | None, robot: Robot, span: Span) -> in
     """Return the number of samples that fit into one file."""
     newest, joints = None if track is None else track.newest, _joints(track, robot)
     if newest is not None:
-        fit = max(1, _FILE_BYTES // len(newest))
+        fit = max(1, MOST_BYTES // len(newest))
     elif joints is not None and history.archive is not None:
-        fit = max(1, _FILE_BYTES // layout_size(joints))
+        fit = max(1, MOST_BYTES // layout_size(joints))
     else:
         fit = 1
     return fit if span.limit is None else min(span.limit, fit)

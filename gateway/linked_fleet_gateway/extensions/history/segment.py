@@ -9,7 +9,7 @@ import json
 import sqlite3
 import zlib
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from heapq import merge
 from pathlib import Path
@@ -23,7 +23,10 @@ APPLICATION_ID = 0x4C464831
 _FINISHED = 1
 _BLOCK = 120
 """Frames in a block."""
+_MOST_URDF = 64 * 2**20
 _BUSY_S = 2.0
+VALUE, EVENT, HELD = "value", "event", "held"
+"""Kinds of what is said. A held value was known when its segment began, and has the time when it was said."""
 _VALUES = "SELECT path, kind, said,"
 _SCHEMA = f"""
 PRAGMA application_id = {APPLICATION_ID};
@@ -39,8 +42,12 @@ CREATE INDEX value_time ON value (robot, stamp);
 """
 
 
+class UnreadableSegmentError(Exception):
+    """A file that cannot be read at present, such as without free file descriptors, or a locked one."""
+
+
 class DamagedSegmentError(Exception):
-    """A file that cannot be read."""
+    """A file that can never be read."""
 
 
 @dataclass(frozen=True)
@@ -79,6 +86,8 @@ class Writer:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.is_single = False
+        """True once it is a single file."""
         self.ranges: dict[str, Range] = {}
         self._ids: dict[Layout, int] = {}
         self._waiting: dict[int, int] = {}
@@ -86,7 +95,7 @@ class Writer:
         try:
             self._database.execute("PRAGMA journal_mode = WAL")
             self._database.execute("PRAGMA synchronous = NORMAL")
-            self._database.executescript(_SCHEMA)
+            self._database.executescript(f"BEGIN; {_SCHEMA} COMMIT;")
         except sqlite3.Error:
             self._database.close()
             raise
@@ -145,27 +154,51 @@ class Writer:
         self._waiting[id] = 0
 
     def finish(self) -> None:
-        """Pack what is left, and make it a single file."""
+        """Pack what is left, and make it a single file unless somebody reads it (``finish_left`` does that later)."""
         database = self._database
         database.execute("BEGIN")
         for (id,) in database.execute("SELECT DISTINCT layout FROM frame").fetchall():
             self._pack(id)
         database.execute(f"PRAGMA user_version = {_FINISHED}")
         database.execute("COMMIT")
-        database.execute("PRAGMA journal_mode = DELETE")
+        self.is_single = _to_single_file(database)
 
     def close(self) -> None:
         self._database.close()
 
 
 def finish_left(path: Path) -> None:
-    """Finish a segment that a killed process has left, unless another process writes it. Raises sqlite3.Error."""
+    """Finish a segment that a killed process has left, unless another process has it open.
+
+    Raises DamagedSegmentError, UnreadableSegmentError.
+    """
+    try:
+        _finish_left(path)
+    except sqlite3.Error as error:
+        raise _error_of(error) from error
+
+
+def _finish_left(path: Path) -> None:
     with closing(sqlite3.connect(path, timeout=0.0, isolation_level=None)) as database:
         _check(database)
+        if not _to_single_file(database):
+            raise UnreadableSegmentError("another process has it open")
         if database.execute("PRAGMA user_version").fetchone() != (_FINISHED,):
-            if database.execute("PRAGMA journal_mode = DELETE").fetchone() != ("delete",):
-                raise sqlite3.OperationalError("another process has it open")
             database.execute(f"PRAGMA user_version = {_FINISHED}")
+
+
+def _to_single_file(database: sqlite3.Connection) -> bool:
+    """Return False if another connection keeps the file as it is."""
+    with suppress(sqlite3.OperationalError):
+        return bool(database.execute("PRAGMA journal_mode = DELETE").fetchone() == ("delete",))
+    return False
+
+
+def _error_of(error: sqlite3.Error) -> DamagedSegmentError | UnreadableSegmentError:
+    """Return what an error says about a file: that a table is missing is no passing trouble, unlike other ones."""
+    code = getattr(error, "sqlite_errorcode", 0) & 0xFF
+    passing = isinstance(error, sqlite3.OperationalError) and code != sqlite3.SQLITE_ERROR
+    return (UnreadableSegmentError if passing else DamagedSegmentError)(str(error))
 
 
 def _check(database: sqlite3.Connection) -> None:
@@ -174,14 +207,18 @@ def _check(database: sqlite3.Connection) -> None:
 
 
 class Reader:
-    """A segment that is read, by one thread. Its methods raise DamagedSegmentError."""
+    """A segment that is read, by one thread. Its methods raise DamagedSegmentError, UnreadableSegmentError."""
 
     def __init__(self, path: Path) -> None:
         try:
             self._database = sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=_BUSY_S)
+        except sqlite3.Error as error:
+            raise _error_of(error) from error
+        try:
             _check(self._database)
         except sqlite3.Error as error:
-            raise DamagedSegmentError(str(error)) from error
+            self._database.close()
+            raise _error_of(error) from error
 
     def close(self) -> None:
         self._database.close()
@@ -192,7 +229,9 @@ class Reader:
     def ranges(self) -> dict[str, Range]:
         """Return the times of each robot's oldest and newest frame."""
         rows = self._rows("SELECT robot, min(oldest), max(newest) FROM layout GROUP BY robot")
-        return {str(robot): (int(low), int(high)) for robot, low, high in rows}
+        if not all(isinstance(low, int) and isinstance(high, int) for _, low, high in rows):
+            raise DamagedSegmentError("a time of a layout is no number")
+        return {str(robot): (low, high) for robot, low, high in rows}
 
     def frames(self, robot: str, begin_ns: int, end_ns: int, backward: bool) -> Iterator[tuple[int, Layout, bytes]]:
         """Yield the stamped frames of a robot from ``begin_ns`` on and before ``end_ns``, in the order of time or
@@ -210,7 +249,7 @@ class Reader:
         order = "DESC" if backward else "ASC"
         query = f"SELECT stamp, data FROM frame WHERE layout = ? AND stamp >= ? AND stamp < ? ORDER BY stamp {order}"  # noqa: S608
         for stamp, data in self._each(query, id, begin, end):
-            self._check_size(len(data), of)
+            self._check_size(len(data) if isinstance(data, bytes) else 0, of)
             yield stamp, of, data
 
     def _packed(self, id: int, of: Layout, begin: int, end: int, backward: bool) -> Iterator[tuple[int, Layout, bytes]]:
@@ -227,15 +266,15 @@ class Reader:
         if size != frame_size(of):
             raise DamagedSegmentError(f"a frame of {len(of.joints)} joints has {size} bytes")
 
-    def values(self, robot: str, begin_ns: int, end_ns: int, most: int) -> list[Said]:
-        """Return what components said in a time, the oldest first."""
-        query = f"{_VALUES} stamp FROM value WHERE robot = ? AND stamp >= ? AND stamp < ? ORDER BY stamp LIMIT ?"
-        return [Said(robot, *row) for row in self._rows(query, robot, begin_ns, end_ns, most)]
+    def values(self, robot: str, begin_ns: int, end_ns: int) -> Iterator[Said]:
+        """Yield what components said from ``begin_ns`` on and before ``end_ns``, the oldest first."""
+        query = f"{_VALUES} stamp FROM value WHERE robot = ? AND stamp >= ? AND stamp < ? AND kind <> ? ORDER BY stamp"
+        yield from (_said(robot, row) for row in self._each(query, robot, begin_ns, end_ns, HELD))
 
     def last_values(self, robot: str, until_ns: int) -> list[Said]:
         """Return the last value of each property of components up to a time."""
-        query = f"{_VALUES} max(stamp) FROM value WHERE robot = ? AND stamp <= ? AND kind = 'value' GROUP BY path"
-        return [Said(robot, *row) for row in self._rows(query, robot, until_ns)]
+        query = f"{_VALUES} max(stamp) FROM value WHERE robot = ? AND stamp <= ? AND kind <> 'event' GROUP BY path"
+        return [_said(robot, row) for row in self._rows(query, robot, until_ns)]
 
     def _rows(self, query: str, *values: object) -> list[tuple]:  # type: ignore[type-arg]
         return list(self._each(query, *values))
@@ -243,8 +282,17 @@ class Reader:
     def _each(self, query: str, *values: object) -> Iterator[tuple]:  # type: ignore[type-arg]
         try:
             yield from self._database.execute(query, values)
-        except (sqlite3.Error, UnicodeDecodeError) as error:
+        except sqlite3.Error as error:
+            raise _error_of(error) from error
+        except UnicodeDecodeError as error:
             raise DamagedSegmentError(str(error)) from error
+
+
+def _said(robot: str, row: tuple[object, ...]) -> Said:
+    path, kind, json, stamp_ns = row
+    if isinstance(path, str) and isinstance(kind, str) and isinstance(json, str) and isinstance(stamp_ns, int):
+        return Said(robot, path, kind, json, stamp_ns)
+    raise DamagedSegmentError("a value is not as it was written")
 
 
 def _row(layout: Layout) -> tuple[str, str, bool, bytes]:
@@ -253,9 +301,16 @@ def _row(layout: Layout) -> tuple[str, str, bool, bytes]:
 
 def _layout(robot: str, joints: str, floating: int, urdf: bytes) -> Layout:
     try:
-        return Layout(robot, tuple(json.loads(joints)), bool(floating), zlib.decompress(urdf).decode())
-    except (ValueError, TypeError, zlib.error) as error:
+        return Layout(robot, _names(joints), bool(floating), _inflated(urdf, _MOST_URDF).decode())
+    except (ValueError, TypeError, RecursionError, zlib.error) as error:
         raise DamagedSegmentError(str(error)) from error
+
+
+def _names(text: str) -> tuple[str, ...]:
+    found = json.loads(text)
+    if not isinstance(found, list) or not all(isinstance(each, str) for each in found):
+        raise ValueError("names of joints are strings")
+    return tuple(found)
 
 
 def _by_layout(frames: Iterable[tuple[Layout, bytes]]) -> dict[Layout, list[bytes]]:
@@ -271,9 +326,18 @@ def packed(frames: Sequence[bytes]) -> bytes:
     return zlib.compress(b"".join(joined[first::size] for first in range(size)), 1)
 
 
+def _inflated(data: bytes, most: int) -> bytes:
+    """Raise ValueError, TypeError, zlib.error."""
+    stream = zlib.decompressobj()
+    found = stream.decompress(data, most + 1)
+    if len(found) > most or not stream.eof:
+        raise ValueError(f"its content has more than {most} bytes, or no end")
+    return found
+
+
 def _unpacked(data: bytes, size: int) -> list[bytes]:
     try:
-        columns = zlib.decompress(data)
+        columns = _inflated(data, 2 * _BLOCK * size)
         count, rest = divmod(len(columns), size)
         if rest or not count:
             raise ValueError(f"{len(columns)} bytes are no frames of {size}")

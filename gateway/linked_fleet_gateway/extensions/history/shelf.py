@@ -2,11 +2,12 @@
 
 import logging
 import re
-import sqlite3
 import threading
-from collections.abc import Callable, Iterator, Mapping
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from heapq import heappop, heappush
 from pathlib import Path
 from typing import TypeVar
@@ -18,10 +19,11 @@ from linked_fleet_gateway.extensions.history.segment import (
     Range,
     Reader,
     Said,
+    UnreadableSegmentError,
     finish_left,
 )
 from linked_fleet_gateway.extensions.history.thinning import GAP_NS, STILL_NS, is_gap
-from linked_fleet_gateway.extensions.history.track import wall_ns
+from linked_fleet_gateway.extensions.history.track import LATEST_NS, wall_ns
 
 log = logging.getLogger(__name__)
 
@@ -29,7 +31,14 @@ SEGMENT_NS = 3600 * 10**9
 """The time of one segment."""
 HELD_NS = STILL_NS + GAP_NS
 """A frame holds for as long: while a robot is heard, another one is kept until then."""
-_LATEST_NS = 2**63 - 1
+MOST_BYTES = 8 * 2**20
+"""Most bytes of frames that are read at once, and in one file; a longer history needs several files."""
+_MOST_SAID_BYTES = 2**20
+"""Most bytes of values of components that are read at once."""
+_YOUNG_NS = 60 * 10**9
+"""A file that is not older may not have its tables yet."""
+_AROUND_NS = 60 * 10**9
+"""The time around the frames of a segment in which its values may be."""
 _NAME = re.compile(r"([0-9]{20})-[0-9a-f]{8}\.sqlite", re.ASCII)
 _T = TypeVar("_T")
 _Stamped = tuple[int, Layout, bytes]
@@ -53,14 +62,20 @@ class _File:
     begin_ns: int
     ranges: Mapping[str, Range] | None = None
     damage: str = ""
+    trouble: str = ""
+    """Why it could not be read last time; it is tried again."""
 
 
 class Shelf:
-    """The segments in ``folder``. Damaged ones are skipped."""
+    """The segments in ``folder``. Damaged ones are skipped, and those that cannot be read at present for this time."""
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, now_ns: Callable[[], int] = lambda: time.time_ns()) -> None:
         self.folder = folder
+        self._now_ns = now_ns
         self._files: dict[str, _File] = {}
+        self._present: _File | None = None
+        self._extents: dict[str, Range] = {}
+        """Times of robots in all files but the present one, as far as known."""
         self._lock = threading.Lock()
 
     def look(self) -> None:
@@ -77,16 +92,23 @@ class Shelf:
         for file in self._known():
             try:
                 finish_left(file.path)
-            except sqlite3.OperationalError as error:
+            except UnreadableSegmentError as error:
                 log.debug("the segment %s is left as it is: %s", file.path.name, error)  # another gateway writes it
-            except sqlite3.Error as error:
-                self._note_damage(file, str(error))
+            except DamagedSegmentError as error:
+                self._note(file, error)
             self._ranges(file)
+        self._collect_extents()
 
     def put(self, path: Path, begin_ns: int, ranges: Mapping[str, Range]) -> None:
         """Add a segment that begins now, with the growing ``ranges`` of its writer."""
         with self._lock:
-            self._files[path.name] = _File(path, begin_ns, ranges)
+            self._files[path.name] = self._present = _File(path, begin_ns, ranges)
+
+    def end_present(self) -> None:
+        """Nothing more is written into the segment that was ``put`` last."""
+        with self._lock:
+            self._present = None
+        self._collect_extents()
 
     def is_usable(self, path: Path) -> bool:
         """Return True if a segment is there and was not found to be damaged."""
@@ -111,6 +133,7 @@ class Shelf:
             total -= sizes[each.path]
             with self._lock:
                 self._files.pop(each.path.name, None)
+        self._collect_extents()
         return total
 
     @property
@@ -120,51 +143,91 @@ class Shelf:
             return sorted(each.damage for each in self._files.values() if each.damage)
 
     @property
+    def unreadable(self) -> list[str]:
+        """What kept segments from being read last time, a sentence for each."""
+        with self._lock:
+            return sorted(each.trouble for each in self._files.values() if each.trouble and not each.damage)
+
+    @property
     def count(self) -> int:
         return len(self._files)
 
     def extent(self, robot: str) -> Range | None:
         """Return the stamps of the oldest and the newest frame of a robot on disk, as far as known without reading."""
-        ranges = [range for file in self._known() if (range := (file.ranges or {}).get(robot)) is not None]
-        return (min(low for low, _ in ranges), max(high for _, high in ranges)) if ranges else None
+        present = self._present
+        now = None if present is None or present.ranges is None else present.ranges.get(robot)
+        return _joined(self._extents.get(robot), now)
 
-    def read(self, robot: str, begin_ns: int | None, end_ns: int | None, most: int) -> Found:
+    def _collect_extents(self) -> None:
+        """Join the times of all files, in the thread that writes; ``extent`` is asked for each robot of a list."""
+        found: dict[str, Range] = {}
+        for file in self._known():
+            if file is not self._present:
+                for robot, range in dict(file.ranges or {}).items():
+                    found[robot] = _joined(found.get(robot), range) or range
+        self._extents = found
+
+    def read(
+        self, robot: str, begin_ns: int | None, end_ns: int | None, most: int, most_bytes: int = MOST_BYTES
+    ) -> Found:
         """Return at most ``most`` frames of one layout from ``begin_ns`` on and before ``end_ns``.
 
-        These are the first ones or, without a beginning, the last ones.
+        These are the first ones or, without a beginning, the last ones. They have at most ``most_bytes``, but for one.
         """
         backward = begin_ns is None
-        low, high = 0 if begin_ns is None else begin_ns, _LATEST_NS if end_ns is None else end_ns
-        frames, layout, next_ns = list[bytes](), None, None
+        low, high = 0 if begin_ns is None else begin_ns, LATEST_NS if end_ns is None else end_ns
+        frames, layout, next_ns, size = list[bytes](), None, None, 0
         for stamp_ns, of, frame in self._frames(robot, low, high, backward):
-            if layout is not None and ((of is not layout and of != layout) or len(frames) >= most):
+            is_full = len(frames) >= most or size + len(frame) > most_bytes
+            if layout is not None and ((of is not layout and of != layout) or is_full):
                 next_ns = stamp_ns
                 break
             layout = of
             frames.append(frame)
+            size += len(frame)
         if backward:
             return Found(layout, tuple(reversed(frames)), before=next_ns)
         return Found(layout, tuple(frames), after=next_ns)
 
     def at(self, robot: str, stamp_ns: int) -> Found:
         """Return the frame that held at a time; none if the robot was not heard then."""
-        found = self.read(robot, None, stamp_ns + 1, 1)
+        found = self.read(robot, None, min(stamp_ns + 1, LATEST_NS), 1)
         if not found.frames or is_gap(found.frames[0]) or stamp_ns - wall_ns(found.frames[0]) > HELD_NS:
             return Found()
         return Found(found.layout, found.frames)
 
-    def values(self, robot: str, begin_ns: int, end_ns: int, most: int) -> list[Said]:
-        """Return what components of a robot said from ``begin_ns`` on and before ``end_ns``, the oldest first."""
-        found = list[Said]()
+    def values(
+        self, robot: str, begin_ns: int, end_ns: int, most: int, most_bytes: int = _MOST_SAID_BYTES
+    ) -> tuple[list[Said], int | None]:
+        """Return what components of a robot said from ``begin_ns`` on and before ``end_ns``, the oldest first.
+
+        These are ``most``, or about ``most_bytes``, and the rest of what was said at the time of the last one. The
+        second result is the stamp of the next one; None if there is none. What gateways that share the folder have
+        written twice comes once.
+        """
+        found, after = list[Said](), None
+
+        def read(end_ns: int, reader: Reader) -> tuple[list[Said], int | None]:
+            return _page(reader.values(robot, begin_ns, end_ns), most, most_bytes)
+
         for file in self._known():
-            if len(found) < most:
-                found += self._with(file, lambda reader: reader.values(robot, begin_ns, end_ns, most)) or []
-        return sorted(found, key=lambda each: each.stamp_ns)[:most]
+            more, next_ns = self._with(file, partial(read, end_ns)) or ([], None)
+            both = {(each.stamp_ns, each.path, each.kind): each for each in (*found, *more)}
+            found, rest_ns = _page((both[key] for key in sorted(both)), most, most_bytes)
+            after = min((each for each in (after, next_ns, rest_ns) if each is not None), default=None)
+            end_ns = end_ns if after is None else after
+        return found, after
 
     def values_at(self, robot: str, stamp_ns: int) -> dict[str, Said]:
-        """Return the value that each property of the components of a robot had at a time, by path below the robot."""
+        """Return the value that each property of the components of a robot had at a time, by path below the robot.
+
+        A segment has what was known when it began, so those alone are read in which the robot was heard then.
+        """
         found: dict[str, Said] = {}
-        for file in self._known():
+        around = [
+            file for file, range in self._of_robot(robot) if range[0] - _AROUND_NS <= stamp_ns <= range[1] + _AROUND_NS
+        ]
+        for file in around:
             for each in self._with(file, lambda reader: reader.last_values(robot, stamp_ns)) or []:
                 if each.path not in found or found[each.path].stamp_ns <= each.stamp_ns:
                     found[each.path] = each
@@ -204,9 +267,11 @@ class Shelf:
         if reader is None:
             return
         try:
-            yield from reader.frames(robot, low, high, backward)
-        except DamagedSegmentError as damage:
-            self._note_damage(file, str(damage))
+            for each in reader.frames(robot, low, high, backward):
+                file.trouble = ""
+                yield each
+        except (DamagedSegmentError, UnreadableSegmentError) as error:
+            self._note(file, error)
         finally:
             reader.close()
 
@@ -234,9 +299,9 @@ class Shelf:
     def _open(self, file: _File) -> Reader | None:
         try:
             return Reader(file.path)
-        except DamagedSegmentError as damage:
+        except (DamagedSegmentError, UnreadableSegmentError) as error:
             if file.path.exists():  # else it was too old
-                self._note_damage(file, str(damage))
+                self._note(file, error)
             return None
 
     def _with(self, file: _File, read: Callable[[Reader], _T]) -> _T | None:
@@ -244,17 +309,46 @@ class Shelf:
         if reader is None:
             return None
         try:
-            return read(reader)
-        except DamagedSegmentError as damage:
-            self._note_damage(file, str(damage))
+            found = read(reader)
+        except (DamagedSegmentError, UnreadableSegmentError) as error:
+            self._note(file, error)
             return None
+        else:
+            file.trouble = ""
+            return found
         finally:
             reader.close()
 
-    def _note_damage(self, file: _File, damage: str) -> None:
-        text = f"{file.path.name}: {damage}"
-        log.warning("a segment of the history is skipped: %s", text)
-        file.damage = text
+    def _note(self, file: _File, error: Exception) -> None:
+        is_young = 0 <= self._now_ns() - file.begin_ns < _YOUNG_NS
+        if isinstance(error, DamagedSegmentError) and not is_young:  # else it may have no tables yet
+            self._note_damage(file, error)
+            return
+        text = f"{file.path.name}: {error}"
+        if file.trouble != text:
+            log.warning("a segment of the history cannot be read at present: %s", text)
+        file.trouble = text
+
+    def _note_damage(self, file: _File, damage: Exception) -> None:
+        file.damage = f"{file.path.name}: {damage}"
+        log.warning("a segment of the history is skipped: %s", file.damage)
+
+
+def _joined(one: Range | None, other: Range | None) -> Range | None:
+    if one is None or other is None:
+        return one or other
+    return min(one[0], other[0]), max(one[1], other[1])
+
+
+def _page(said: Iterable[Said], most: int, most_bytes: int) -> tuple[list[Said], int | None]:
+    """Return the first ones, with all of the time of the last one, and the stamp of the next one."""
+    found, size = list[Said](), 0
+    for each in said:
+        if found and each.stamp_ns != found[-1].stamp_ns and (len(found) >= most or size >= most_bytes):
+            return found, each.stamp_ns
+        found.append(each)
+        size += len(each.json)
+    return found, None
 
 
 def _segments(folder: Path) -> Iterator[Path]:

@@ -23,15 +23,17 @@ from linked_fleet_gateway.api import (
     read_resource,
     robot_path,
 )
-from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.describe import LF
 from linked_fleet_gateway.extensions.history.files import CSV
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.segment import Said
+from linked_fleet_gateway.extensions.history.sending import paced
+from linked_fleet_gateway.extensions.history.shelf import Shelf
 from linked_fleet_gateway.extensions.history.span import MOST, Span, lexical_time, parse_span, query
+from linked_fleet_gateway.extensions.history.track import LATEST_NS
 from linked_fleet_gateway.rdf.graph import timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, SOSA
-from linked_fleet_gateway.serving import Rendition, WebLink, link_header
+from linked_fleet_gateway.serving import Rendition, check_preconditions
 
 VALUES = "values"
 _JSON = RDF.extended("JSON").JSON
@@ -64,32 +66,38 @@ async def read_values(request: Request, found: Resource, recorded: RecordedValue
     """Return what components said in the requested time, or what held at an instant. Raises BadRequest, Busy."""
     span, archive = parse_span(request.query_params.multi_items()), recorded.history.archive
     assert archive is not None  # else there is no such resource
+    shelf, now_ns = archive.shelf, time.time_ns()
+
+    def work() -> tuple[Response, int | None]:
+        said, after = _selected(shelf, recorded.robot.name, span, now_ns)
+        resource = _resource(recorded, found, said)
+        check_preconditions(request, resource)
+        return read_resource(request, resource), after
+
     async with recorded.history.worker():
-        said, after = await asyncio.to_thread(_selected, archive, recorded.robot.name, span, time.time_ns())
-    resource = _resource(recorded, found, said)
-    response = read_resource(request, resource)
-    if after is not None:
-        end = {} if span.end_ns is None else {"to": lexical_time(span.end_ns)}
-        following = query(from_=lexical_time(after), **end)
-        response.headers.append("link", link_header([WebLink(f"{request.base}{found.path}?{following}", "next")], []))
-    return response
+        response, after = await asyncio.to_thread(work)
+    return paced(response, recorded.history, request.base + found.path, {"next": _following(span, after)})
 
 
-def _selected(archive: Archive, robot: str, span: Span, now_ns: int) -> tuple[Sequence[Said], int | None]:
+def _following(span: Span, after: int | None) -> str:
+    """Return the query of the next page; empty if there is none."""
+    if after is None:
+        return ""
+    end = {} if span.end_ns is None else {"to": lexical_time(span.end_ns)}
+    limit = {} if span.limit is None else {"limit": span.limit}
+    return query(from_=lexical_time(after), **end, **limit)
+
+
+def _selected(shelf: Shelf, robot: str, span: Span, now_ns: int) -> tuple[Sequence[Said], int | None]:
     """Return what is requested, and where the rest begins; None if it is all."""
     if span.at_ns is not None:
-        heard = archive.shelf.at(robot, span.at_ns).frames
-        held = archive.shelf.values_at(robot, span.at_ns) if heard else {}
+        heard = shelf.at(robot, span.at_ns).frames
+        held = shelf.values_at(robot, span.at_ns) if heard else {}
         return [held[path] for path in sorted(held) if held[path].json != "null"], None
     last_ns = span.last_ns if span.last_ns is not None else None if span.end_ns is not None else _RECENT_NS
     begin_ns = span.begin_ns if span.begin_ns is not None else 0 if last_ns is None else max(0, now_ns - last_ns)
-    most = min(span.limit or MOST, MOST)
-    found = archive.shelf.values(robot, begin_ns, span.end_ns or 2**63 - 1, most + 1)
-    if len(found) <= most:
-        return found, None
-    after = found[-1].stamp_ns
-    whole = [each for each in found if each.stamp_ns < after]  # those of one time stay together
-    return (whole, after) if whole else (found[:most], after + 1)
+    end_ns = LATEST_NS if span.end_ns is None else span.end_ns
+    return shelf.values(robot, begin_ns, end_ns, min(span.limit or MOST, MOST))
 
 
 def _resource(recorded: RecordedValues, found: Resource, said: Sequence[Said]) -> Resource:

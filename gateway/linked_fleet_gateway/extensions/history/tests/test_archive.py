@@ -2,6 +2,9 @@
 
 import math
 import sqlite3
+import threading
+import tracemalloc
+import zlib
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
@@ -10,15 +13,17 @@ import pytest
 
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
+from linked_fleet_gateway.extensions.history import archive as archive_module
 from linked_fleet_gateway.extensions.history.archive import Archive
-from linked_fleet_gateway.extensions.history.segment import Layout, Said, Writer
+from linked_fleet_gateway.extensions.history.segment import Layout, Reader, Said, Writer
 from linked_fleet_gateway.extensions.history.shelf import HELD_NS
 from linked_fleet_gateway.extensions.history.thinning import STILL_NS, Thinning, gap_after, is_gap
-from linked_fleet_gateway.extensions.history.track import wall_ns
+from linked_fleet_gateway.extensions.history.track import LATEST_NS, wall_ns
 
 S = 1_000_000_000
 HOUR = 3600 * S
 BEGIN = 1_800_000_000 * S
+OPENING = "gripper/opening"
 URDF = """<robot name='r'><link name='a'/><link name='b'/>
 <joint name='turn' type='continuous'><parent link='a'/><child link='b'/></joint></robot>"""
 
@@ -64,6 +69,14 @@ class Disk:
         for first in range(0, len(found), batch):
             self.hear(*found[first : first + batch], robot=robot)
         return found
+
+    def say(self, json: str, stamp_ns: int, path: str = OPENING, robot: str = "r") -> None:
+        """Let a component say something, which the next batch has."""
+        self.now_ns = max(self.now_ns, stamp_ns)
+        self.archive.add_values([Said(robot, path, "value", json, stamp_ns)])
+
+    def said_between(self, begin_ns: int, end_ns: int, robot: str = "r") -> list[str]:
+        return [each.json for each in self.archive.shelf.values(robot, begin_ns, end_ns, 10**6, 10**9)[0]]
 
     def frames(self, begin_ns: int | None = None, end_ns: int | None = None, robot: str = "r") -> tuple[bytes, ...]:
         return self.archive.shelf.read(robot, begin_ns, end_ns, 10**6).frames
@@ -158,12 +171,62 @@ def test_other_joints_are_another_page(disk: Disk) -> None:
 
 def test_values_of_components_are_those_of_their_time(disk: Disk) -> None:
     for n in range(5):
-        disk.archive.add_values([Said("r", "gripper/opening", "value", str(n), BEGIN + n * S)])
-        disk.now_ns += HOUR
-        disk.write()
-    assert [each.json for each in disk.archive.shelf.values("r", BEGIN + S, BEGIN + 4 * S, 100)] == ["1", "2", "3"]
-    assert disk.archive.shelf.values_at("r", BEGIN + 3 * S - 1)["gripper/opening"].json == "2"
+        disk.say(str(n), BEGIN + n * HOUR)
+        disk.move(BEGIN + n * HOUR, 3)
+    assert disk.said_between(BEGIN + HOUR, BEGIN + 4 * HOUR) == ["1", "2", "3"]
+    assert disk.archive.shelf.values_at("r", BEGIN + 3 * HOUR + S)[OPENING].json == "3"
     assert disk.archive.shelf.values_at("r", BEGIN - 1) == {}
+
+
+def test_what_held_at_a_time_is_in_the_segment_of_that_time(disk: Disk, monkeypatch: pytest.MonkeyPatch) -> None:
+    disk.say("0.5", BEGIN)
+    for hour in range(6):
+        disk.move(BEGIN + hour * HOUR, 3)
+    read = list[Path]()
+    usual = Reader.last_values
+    monkeypatch.setattr(Reader, "last_values", lambda self, *of: read.append(self) or usual(self, *of))
+    for hour in (1, 5):
+        (held,) = disk.archive.shelf.values_at("r", BEGIN + hour * HOUR + S).values()
+        assert (held.json, held.stamp_ns) == ("0.5", BEGIN)
+    assert len(read) <= 4 and disk.archive.shelf.count == 6, "each one, and the next that has the gap after it"
+    assert disk.said_between(0, LATEST_NS) == ["0.5"], "once"
+
+
+@pytest.mark.parametrize(
+    ("most", "sizes"), [(1, [2, 2, 1]), (2, [2, 2, 1]), (3, [4, 1]), (4, [4, 1]), (5, [5]), (9, [5])]
+)
+def test_pages_keep_what_was_said_at_one_time_together(tmp_path: Path, most: int, sizes: list[int]) -> None:
+    """Also if several gateways that share the folder have written it."""
+    gateways = Disk(tmp_path), Disk(tmp_path)
+    for disk in gateways:
+        for n, at in enumerate((1, 1, 2, 2, 3)):
+            disk.say("1", BEGIN + at * S, f"c/{n}")
+        disk.write()
+    gateways[0].archive.shelf.look()
+    begin: int | None = 0
+    found = list[int]()
+    while begin is not None:
+        some, begin = gateways[0].archive.shelf.values("r", begin, LATEST_NS, most)
+        found.append(len(some))
+    assert found == sizes
+
+
+def test_pages_of_values_have_an_end_by_bytes_too(disk: Disk) -> None:
+    for n in range(10):
+        disk.say(f'"{n:0100}"', BEGIN + n * S)
+    disk.write()
+    some, after = disk.archive.shelf.values("r", 0, LATEST_NS, 1000, 250)
+    assert len(some) == 3 and after == BEGIN + 3 * S
+
+
+def test_pages_of_frames_have_an_end_by_bytes_too(disk: Disk) -> None:
+    disk.move(BEGIN, 30)
+    kept, size = disk.frames(), len(frame(1))
+    found = disk.archive.shelf.read("r", 0, None, 10**6, 5 * size)
+    assert found.frames == kept[:5] and found.after == wall_ns(kept[5])
+    found = disk.archive.shelf.read("r", None, None, 10**6, 5 * size + 1)
+    assert found.frames == kept[-5:] and found.before == wall_ns(kept[-6])
+    assert len(disk.archive.shelf.read("r", 0, None, 10, 1).frames) == 1
 
 
 # -- bounds -----------------------------------------------------------------------------------------------------------
@@ -295,3 +358,209 @@ def test_a_gateway_that_begins_leaves_the_segment_of_another_as_it_is(tmp_path: 
     assert before == one.frames() != ()
     one.move(BEGIN + 10 * S, 10)
     assert len(other.frames()) > len(before) and other.archive.findings == one.archive.findings == []
+
+
+# -- what one robot, one batch or one reader does costs no other ------------------------------------------------------
+
+
+def test_a_frame_that_cannot_be_written_costs_no_other_robot(disk: Disk, caplog: pytest.LogCaptureFixture) -> None:
+    disk.hear(frame(BEGIN - S))
+    disk.archive.begin(layout("broken"))
+    for n in range(5):
+        disk.archive.add("broken", b"short")
+        disk.hear(frame(BEGIN + n * S, n))
+    assert len(disk.frames()) == 6 and disk.archive.lost == 5 and disk.archive.failure == ""
+    assert len([each for each in caplog.messages if "a frame is lost" in each]) == 1, "once"
+
+
+@pytest.mark.parametrize("stamp_ns", [-1, BEGIN + 61 * S, 2**63 - 1, 2**63, 2**64])
+def test_values_with_times_that_cannot_be_cost_no_other(disk: Disk, stamp_ns: int) -> None:
+    disk.archive.add_values([Said("s", OPENING, "event", "1", stamp_ns)])
+    disk.say("0.5", BEGIN)
+    disk.write()
+    assert disk.said_between(0, LATEST_NS) == ["0.5"] and disk.archive.lost == 1 and disk.archive.failure == ""
+
+
+def test_whatever_a_batch_has_in_it_is_counted_and_said_and_the_next_one_is_written(disk: Disk) -> None:
+    disk.say("\ud800", BEGIN)
+    disk.hear(frame(BEGIN))
+    assert disk.archive.lost == 2 and "UnicodeEncodeError" in disk.archive.failure
+    disk.move(BEGIN + S, 3)
+    assert disk.frames() and disk.archive.failure == ""
+
+
+def test_a_talkative_component_has_a_bounded_part_of_a_segment_and_is_unknown_then(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    most = 512 * 20_000
+    disk = Disk(tmp_path, most_bytes=most)
+    for n in range(200):
+        disk.say(f'"{n:0100}"', BEGIN + n * S, "talker/word")
+        disk.say(str(n), BEGIN + n * S, robot="s")
+        disk.move(BEGIN + n * S, 1)
+    said = disk.said_between(0, LATEST_NS)
+    assert sum(map(len, said)) < 20_000 and said[-1] == "null" and said.count("null") == 1
+    assert disk.archive.shelf.values_at("r", BEGIN + 199 * S)["talker/word"].json == "null"
+    assert len(disk.said_between(0, LATEST_NS, "s")) == 200, "it has its own part"
+    assert disk.archive.lost > 80
+    assert len([each for each in caplog.messages if "history of robot r" in each]) == 1, "said once"
+    disk.move(BEGIN + HOUR, 3)
+    held = disk.archive.shelf.values_at("r", BEGIN + HOUR + S)["talker/word"].json
+    assert held == f'"{199:0100}"', "the next segment has room again"
+
+
+def test_values_that_wait_are_bounded_by_bytes(disk: Disk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(archive_module, "_MOST_PENDING_BYTES", 1000)
+    for n in range(20):
+        disk.say(f'"{n:0100}"', BEGIN + n)
+    disk.write()
+    assert disk.archive.lost == 15
+    disk.say("1", BEGIN + S)
+    disk.write()
+    assert disk.said_between(0, LATEST_NS)[-1] == "1"
+
+
+def test_a_segment_that_somebody_reads_is_finished_and_a_single_file_later(disk: Disk, tmp_path: Path) -> None:
+    disk.move(BEGIN, 10)
+    (path,) = (tmp_path / "history").glob("*.sqlite")
+    reading = sqlite3.connect(path)
+    rows = reading.execute("SELECT * FROM layout")
+    assert rows.fetchone()
+    after = disk.move(BEGIN + HOUR, 3)
+    assert after[0] in disk.frames() and disk.archive.lost == 0 and disk.said == [] and disk.archive.failure == ""
+    rows.close()
+    reading.close()
+    disk.now_ns += 61 * S
+    disk.write()
+    assert path.read_bytes()[18:20] == b"\1\1", "no write-ahead log"
+    assert disk.frames()[0] == frame(BEGIN, 0.0)
+
+
+def test_a_gateway_that_ends_while_a_batch_is_written_loses_nothing(tmp_path: Path) -> None:
+    disk = Disk(tmp_path)
+    disk.hear(frame(BEGIN))
+    late = archive_module._Batch([("r", layout(), frame(BEGIN + S, 1.0))])
+    writing, threads = threading.Event(), list[threading.Thread]()
+    usual = disk.archive._chosen
+
+    def chosen(*of: object) -> object:
+        if not writing.is_set():
+            writing.set()
+            closing = threading.Thread(target=disk.archive.close)
+            closing.start()
+            closing.join(0.05)
+            assert closing.is_alive(), "it waits for the batch"
+            threads.append(closing)
+        return usual(*of)  # type: ignore[arg-type]
+
+    disk.archive._chosen = chosen  # type: ignore[method-assign, assignment]
+    disk.archive.write(late, BEGIN / S + 1)
+    threads[0].join()
+    disk.archive.write(archive_module._Batch([("r", layout(), frame(BEGIN + 5 * S, 2.0))]), BEGIN / S + 5)
+    assert disk.archive._writer is None and [each.suffix for each in tmp_path.iterdir()] == [".sqlite"] * 2
+    assert {BEGIN, BEGIN + S, BEGIN + 5 * S} <= set(map(wall_ns, disk.frames()))
+
+
+# -- passing troubles, and bad contents -------------------------------------------------------------------------------
+
+
+def _error(code: int) -> sqlite3.OperationalError:
+    error = sqlite3.OperationalError("trouble")
+    error.sqlite_errorcode = code
+    return error
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        sqlite3.SQLITE_BUSY,
+        sqlite3.SQLITE_CANTOPEN,
+        sqlite3.SQLITE_IOERR,
+        sqlite3.SQLITE_IOERR_READ,
+        sqlite3.SQLITE_FULL,
+    ],
+)
+def test_a_passing_trouble_is_said_and_is_no_damage(disk: Disk, monkeypatch: pytest.MonkeyPatch, code: int) -> None:
+    disk.move(BEGIN, 10)
+    kept, usual = disk.frames(), sqlite3.connect
+
+    def fail(*of: object, **more: object) -> object:
+        raise _error(code)
+
+    monkeypatch.setattr(sqlite3, "connect", fail)
+    assert disk.frames() == () and disk.archive.shelf.damaged == []
+    assert "cannot be read at present" in disk.archive.findings[0]
+    monkeypatch.setattr(sqlite3, "connect", usual)
+    assert disk.frames() == kept and disk.archive.findings == []
+
+
+@pytest.mark.parametrize(("age_s", "damaged"), [(0, 0), (59, 0), (61, 1)])
+def test_a_file_that_has_just_begun_is_no_damage(disk: Disk, tmp_path: Path, age_s: int, damaged: int) -> None:
+    disk.move(BEGIN, 3)
+    disk.now_ns = BEGIN + HOUR
+    path = tmp_path / "history" / f"{disk.now_ns - age_s * S:020}-0123abcd.sqlite"
+    sqlite3.connect(path).close()
+    path.touch()
+    disk.archive.shelf.look()
+    assert disk.frames() and len(disk.archive.shelf.damaged) == damaged
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "UPDATE block SET data = 5", "UPDATE block SET data = NULL WHERE 0; UPDATE block SET data = 'text'",
+        "UPDATE layout SET joints = '5'", "UPDATE layout SET joints = '[[]]'", "UPDATE layout SET urdf = 'x'",
+        "UPDATE layout SET oldest = 'x'", "UPDATE block SET size = NULL", "UPDATE value SET said = NULL",
+        "UPDATE value SET stamp = 'x' WHERE 0; UPDATE value SET said = x'00'", "DROP TABLE value", "DROP TABLE layout",
+    ],
+)  # fmt: skip
+def test_bad_contents_are_damage(tmp_path: Path, change: str) -> None:
+    disk = Disk(tmp_path)
+    disk.say("1", BEGIN)
+    disk.move(BEGIN, 3)
+    disk.archive.close()
+    (path,) = tmp_path.glob("*.sqlite")
+    with sqlite3.connect(path) as database:
+        database.executescript(change)
+    database.close()
+    again = Disk(tmp_path)
+    again.now_ns += 2 * HOUR
+    again.frames()
+    again.said_between(0, LATEST_NS)
+    assert len(again.archive.shelf.damaged) == 1
+
+
+@pytest.mark.parametrize("size", [10**5, 10**8])
+def test_a_block_that_expands_without_bounds_is_damage(tmp_path: Path, size: int) -> None:
+    disk = Disk(tmp_path)
+    disk.move(BEGIN, 3)
+    disk.archive.close()
+    (path,) = tmp_path.glob("*.sqlite")
+    with sqlite3.connect(path) as database:
+        database.execute("UPDATE block SET data = ?", (zlib.compress(bytes(size)),))
+    database.close()
+    again = Disk(tmp_path)
+    again.now_ns += HOUR
+    tracemalloc.start()
+    again.frames()
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert len(again.archive.shelf.damaged) == 1 and most < 10**6
+
+
+def test_readers_are_told_no_path_of_the_state_folder(tmp_path: Path) -> None:
+    (tmp_path / "history").write_text("a file where the folder should be")
+    disk = Disk(tmp_path / "history")
+    disk.move(BEGIN, 3)
+    told = [*disk.archive.findings, *map(str, disk.said), disk.archive.failure]
+    assert len(told) == 3 and not [each for each in told if str(tmp_path) in each]
+
+
+def test_extents_of_many_robots_are_there_without_a_look_at_each_file(
+    disk: Disk, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for hour in range(3):
+        disk.move(BEGIN + hour * HOUR, 3)
+    monkeypatch.setattr(disk.archive.shelf, "_known", lambda: pytest.fail("it looks at the files"))
+    assert disk.archive.shelf.extent("r") == (BEGIN, wall_ns(frame(BEGIN + 2 * HOUR + 25 * S // 10)))
+    assert disk.archive.shelf.extent("s") is None

@@ -4,6 +4,7 @@ import csv
 import io
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import dropwhile
 from pathlib import Path
 
 import pyshacl
@@ -12,8 +13,6 @@ from rdflib import URIRef
 
 from browser import HYBRIT, LF, SOSA, Browser
 from component_cell import Cell, Grasped
-from linked_fleet_gateway.extensions.history.segment import Said
-from linked_fleet_gateway.extensions.history.values import _selected
 from running import eventually
 from small_fleet import Place, live
 from virtual.processes import serving_robot
@@ -33,7 +32,12 @@ class Scene:
         return list(csv.DictReader(io.StringIO(answer.text, newline="")))
 
     def of(self, path: str, **query: str) -> list[str]:
-        return [row["value"] for row in self.rows(**query) if row["path"] == path]
+        """Return the values of a property from the first known one on."""
+        return [row["value"] for row in self.of_path(path, **query)]
+
+    def of_path(self, path: str, **query: str) -> list[dict[str, str]]:
+        rows = [row for row in self.rows(**query) if row["path"] == path]
+        return list(dropwhile(lambda row: row["value"] == "null", rows))
 
 
 @pytest.fixture
@@ -60,8 +64,8 @@ def test_values_are_kept_as_they_change_and_events_as_they_occur(scene: Scene) -
 
 def test_at_an_instant_each_value_is_the_last_one_before_it(scene: Scene) -> None:
     scene.cell.gripper.gap = 0.07
-    rows = eventually(lambda: found if len(found := scene.rows()) > 5 else None, "the change")
-    first, second = (row["time"] for row in rows if row["path"] == "gripper/width")
+    rows = eventually(lambda: found if len(found := scene.of_path("gripper/width")) > 1 else None, "the change")
+    first, second = (row["time"] for row in rows)
     eventually(lambda: scene.of("gripper/width", at=second) == ["0.07"], "the second one")
     assert scene.of("gripper/width", at=second[:-10] + "000000000Z") in (["0.08"], [])
     assert len(scene.rows(at=second)) == 5
@@ -81,21 +85,11 @@ def test_they_are_linked_data_with_the_addresses_of_the_properties(scene: Scene)
     assert scene.browser.http.get(scene.values, headers={"accept": "text/html"}).status_code == 200
 
 
-@pytest.mark.parametrize(("most", "sizes"), [(2, [2, 2, 1]), (4, [4, 1]), (5, [5])])
-def test_pages_keep_what_was_said_at_one_time_together(most: int, sizes: list[int]) -> None:
-    from linked_fleet_gateway.extensions.history.span import Span
-
-    class Shelf:
-        def values(self, _: str, begin: int, end: int, count: int) -> list[Said]:
-            said = [Said("r", f"c/{n}", "value", "1", at) for n, at in enumerate((1, 1, 2, 2, 3))]
-            return [each for each in said if begin <= each.stamp_ns < end][:count]
-
-    class Archive:
-        shelf = Shelf()
-
-    begin: int | None = 0
-    found = []
-    while begin is not None:
-        some, begin = _selected(Archive(), "r", Span(begin_ns=begin, limit=most), 0)  # type: ignore[arg-type]
-        found.append(len(some))
-    assert found == sizes
+@pytest.mark.parametrize("query", [{"last": "P400Y"}, {"from": "9999-01-01T00:00:00Z"}, {"to": "0001-01-01T00:00:00Z"}])
+def test_times_at_the_ends_of_all_times_are_answered(scene: Scene, query: dict[str, str]) -> None:
+    whole = scene.values.removesuffix("/values")
+    for address in (scene.values, whole, f"{whole}?as=csv"):
+        assert scene.browser.http.get(address, params=query).status_code == 200
+    for at in ("9999-01-01T00:00:00Z", "0001-01-01T00:00:00Z"):
+        assert scene.rows(at=at) == []
+        assert scene.browser.http.get(whole, params={"at": at}).status_code == 200
