@@ -390,10 +390,9 @@ def test_whatever_a_batch_has_in_it_is_counted_and_said_and_the_next_one_is_writ
 
 
 def test_a_talkative_component_has_a_bounded_part_of_a_segment_and_is_unknown_then(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+    disk: Disk, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    most = 512 * 20_000
-    disk = Disk(tmp_path, most_bytes=most)
+    monkeypatch.setattr(archive_module, "_SHARE_OF_VALUES", 10**9 / 20_000)
     for n in range(200):
         disk.say(f'"{n:0100}"', BEGIN + n * S, "talker/word")
         disk.say(str(n), BEGIN + n * S, robot="s")
