@@ -44,6 +44,8 @@ _MOST_PENDING_BYTES = 32 * 2**20
 """Bytes of values of components that wait for the thread; more are lost, and counted."""
 _SHARE_OF_VALUES = 512
 """The values of a robot take at most this part of all that may be kept in a segment; more are lost, and counted."""
+_FORGETS = 5
+"""Batches in which a removed robot is looked for in files that somebody reads or writes."""
 _OF_ROW = 64
 """Bytes that a value takes beside its path and its JSON."""
 _UNKNOWN = "null"
@@ -104,6 +106,8 @@ class Archive:
         """True if the present segment has what was known when it began."""
         self._in_parts: set[Path] = set()
         """Finished segments that somebody has read since, so that they are no single files yet."""
+        self._forgotten: dict[str, int] = {}
+        """Robots that were removed, with the number of further tries to remove them from files."""
         self._lock = threading.Lock()
         self._closed = False
         self._writer: Writer | None = None
@@ -137,6 +141,12 @@ class Archive:
             else:
                 self._values.append(each)
                 self._value_bytes += size
+
+    def forget(self, robot: str) -> None:
+        """Remove all of a robot that was removed, with the next batch."""
+        self._pending = deque(each for each in self._pending if each[0] != robot)
+        self._values = [each for each in self._values if each.robot != robot]
+        self._forgotten[robot] = _FORGETS
 
     @asynccontextmanager
     async def running(self) -> AsyncIterator[None]:
@@ -181,6 +191,7 @@ class Archive:
         try:
             if self._writer is not None:
                 self._roll_if_due(self._writer)
+            self._forget_all()
             chosen = self._chosen(batch.frames, now_s)
             if chosen or batch.values:
                 writer = self._present_writer()
@@ -204,6 +215,22 @@ class Archive:
         else:
             if self.failure and wrote:
                 self._say(None)
+
+    def _forget_all(self) -> None:
+        """Remove robots from files, those that are busy later. Raises sqlite3.Error."""
+        for robot, tries in list(self._forgotten.items()):
+            if tries == _FORGETS:
+                self._robots.pop(robot, None)
+                self._held.pop(robot, None)
+                if self._writer is not None:
+                    self._writer.forget(robot)
+            done = self.shelf.forget(robot)
+            if done or tries == 1:
+                del self._forgotten[robot]
+            else:
+                self._forgotten[robot] = tries - 1
+            if not done and tries == 1:
+                log.warning("samples of the removed robot %s stay in a file that somebody locks", robot)
 
     def _chosen(self, frames: Sequence[tuple[str, Layout, bytes]], now_s: float) -> list[tuple[Layout, bytes]]:
         found = list[tuple[Layout, bytes]]()

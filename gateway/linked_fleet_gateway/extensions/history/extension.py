@@ -129,6 +129,7 @@ class HistoryExtension(Extension):
             if archive is not None:
                 await stack.enter_async_context(archive.running())
                 await stack.enter_async_context(watching_values(core, archive))
+                stack.enter_context(core.listening_to_descriptions(lambda robot: None, archive.forget))
             most = settings.mb * 10**6
             history = History(core.live.fleet, float(settings.s), float(settings.hz), most, archive, core.faults)
             await stack.enter_async_context(history)

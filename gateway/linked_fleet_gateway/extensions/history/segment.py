@@ -116,6 +116,12 @@ class Writer:
                 database.execute("ROLLBACK")
             raise
 
+    def forget(self, robot: str) -> None:
+        """Remove all of a robot."""
+        _forget(self._database, robot)
+        self._ids.clear()
+        self.ranges.pop(robot, None)
+
     def _id(self, layout: Layout) -> int:
         if (known := self._ids.get(layout)) is None:
             found = self._database.execute(
@@ -185,6 +191,35 @@ def _finish_left(path: Path) -> None:
             raise UnreadableSegmentError("another process has it open")
         if database.execute("PRAGMA user_version").fetchone() != (_FINISHED,):
             database.execute(f"PRAGMA user_version = {_FINISHED}")
+
+
+def forget_in(path: Path, robot: str) -> None:
+    """Remove all of a robot from a finished segment; another one is its writer's.
+
+    Raises DamagedSegmentError, UnreadableSegmentError.
+    """
+    try:
+        with closing(sqlite3.connect(path, timeout=_BUSY_S, isolation_level=None)) as database:
+            _check(database)
+            if database.execute("PRAGMA user_version").fetchone() == (_FINISHED,):
+                _forget(database, robot)
+    except sqlite3.Error as error:
+        raise _error_of(error) from error
+
+
+def _forget(database: sqlite3.Connection, robot: str) -> None:
+    database.execute("PRAGMA secure_delete = ON")
+    database.execute("BEGIN IMMEDIATE")
+    try:
+        for table in ("frame", "block"):
+            database.execute(f"DELETE FROM {table} WHERE layout IN (SELECT id FROM layout WHERE robot = ?)", (robot,))  # noqa: S608
+        for table in ("layout", "value"):
+            database.execute(f"DELETE FROM {table} WHERE robot = ?", (robot,))  # noqa: S608
+        database.execute("COMMIT")
+    except BaseException:
+        if database.in_transaction:
+            database.execute("ROLLBACK")
+        raise
 
 
 def _to_single_file(database: sqlite3.Connection) -> bool:

@@ -21,6 +21,7 @@ from linked_fleet_gateway.extensions.history.segment import (
     Said,
     UnreadableSegmentError,
     finish_left,
+    forget_in,
 )
 from linked_fleet_gateway.extensions.history.thinning import GAP_NS, STILL_NS, is_gap
 from linked_fleet_gateway.extensions.history.track import LATEST_NS, wall_ns
@@ -114,6 +115,24 @@ class Shelf:
         """Return True if a segment is there and was not found to be damaged."""
         file = self._files.get(path.name)
         return file is not None and not file.damage and path.exists()
+
+    def forget(self, robot: str) -> bool:
+        """Remove all of a robot from finished segments. Return False if one cannot be written at present."""
+        done = True
+        for file in self._known():
+            if file is self._present:
+                continue
+            try:
+                forget_in(file.path, robot)
+                file.ranges = None
+            except DamagedSegmentError as error:
+                self._note(file, error)
+            except UnreadableSegmentError as error:
+                done = done and not file.path.exists()
+                log.info("robot %s is not yet removed from %s: %s", robot, file.path.name, error)
+            self._ranges(file)
+        self._collect_extents()
+        return done
 
     def prune(self, oldest_ns: int, most_bytes: int, present: Path | None) -> int:
         """Remove segments that are over before a time, and the oldest ones beyond some bytes, but not the present one.

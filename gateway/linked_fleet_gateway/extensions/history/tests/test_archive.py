@@ -460,6 +460,38 @@ def test_a_gateway_that_ends_while_a_batch_is_written_loses_nothing(tmp_path: Pa
     assert {BEGIN, BEGIN + S, BEGIN + 5 * S} <= set(map(wall_ns, disk.frames()))
 
 
+def test_a_removed_robot_goes_from_all_files_and_may_come_again(disk: Disk, tmp_path: Path) -> None:
+    for hour in range(3):
+        for robot in ("r", "s"):
+            disk.say(f'"words of {robot}"', BEGIN + hour * HOUR, robot=robot)
+            disk.move(BEGIN + hour * HOUR, 3, robot)
+    kept = disk.frames(robot="s")
+    disk.archive.forget("r")
+    disk.write()
+    assert disk.frames() == () and disk.said_between(0, LATEST_NS) == [] and disk.archive.shelf.extent("r") is None
+    assert disk.frames(robot="s") == kept and len(disk.said_between(0, LATEST_NS, "s")) == 3
+    again = disk.move(BEGIN + 3 * HOUR, 3)
+    assert disk.frames()[0] == again[0] and disk.archive.lost == 0
+    disk.archive.close()
+    assert not [each for each in (tmp_path / "history").iterdir() if b"words of r" in each.read_bytes()]
+    assert Disk(tmp_path / "history").frames(robot="s")[: len(kept)] == kept
+
+
+def test_a_removed_robot_goes_from_a_file_that_was_locked_later(disk: Disk, tmp_path: Path) -> None:
+    disk.move(BEGIN, 3)
+    disk.move(BEGIN + HOUR, 3, "s")
+    path = min((tmp_path / "history").glob("*.sqlite"))
+    locking = sqlite3.connect(path, isolation_level=None)
+    locking.execute("BEGIN IMMEDIATE")
+    disk.archive.forget("r")
+    disk.write()
+    assert disk.frames() and disk.archive.failure == ""
+    locking.execute("ROLLBACK")
+    locking.close()
+    disk.write()
+    assert disk.frames() == () and disk.archive._forgotten == {}
+
+
 # -- passing troubles, and bad contents -------------------------------------------------------------------------------
 
 
