@@ -67,6 +67,12 @@ def test_a_written_time_is_parsed_to_the_same_time(stamp_ns: int, limit: int) ->
     )
 
 
+@pytest.mark.parametrize("last", ["P400Y", "P9999Y9999M999999D"])
+def test_a_span_that_is_longer_than_all_times_begins_with_them(last: str) -> None:
+    for newest_ns in (0, 5, 2**63 - 1):
+        assert 0 <= (parse_span([("last", last)]).begin(newest_ns) or 0) <= newest_ns
+
+
 def test_observations_are_bounded() -> None:
     assert parse_span([("limit", "999999999")]).observations == parse_span([("last", "P1D")]).observations == MOST
     assert parse_span([]).observations < 50
