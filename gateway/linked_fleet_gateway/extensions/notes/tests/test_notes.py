@@ -10,6 +10,7 @@ from rdflib import Literal, URIRef
 from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
 from browser import DCTERMS, LDP, LF, Browser
 from gateway_group import Gateway, gateways, hub
+from linked_fleet_gateway.extensions.notes import extension
 from redis_servers import Servers, single
 from running import eventually, process
 from small_fleet import live
@@ -53,7 +54,28 @@ def test_a_note_has_an_author_and_a_time(here: AuthenticatedGateway) -> None:
         assert changed.status_code == 204, changed.text
         html = bob.http.get(f"{bob.root}{SEEN}/notes", headers={"accept": "text/html"}).text
         assert "It squeaked." in html and "ann" in html
-        assert admin.http.delete(url).status_code == 204
+        corrected = admin.http.put(url, json={"about": f"{ann.root}{SEEN}/", "text": "It squeaked once."})
+        assert corrected.status_code == 204, corrected.text
+        after = bob.page(url)
+        assert (after.iri, LF.writtenBy, Literal("ann")) in after.graph
+        assert after.one(DCTERMS.created) == page.one(DCTERMS.created)
+        assert ann.http.delete(url).status_code == 204
+
+
+def test_what_is_hidden_is_refused_like_what_is_not_there(here: AuthenticatedGateway) -> None:
+    with here.browsing("lab") as lab:
+        hidden, nothing = (write(lab, about).json()["detail"] for about in (f"{HIDDEN}/", "nobody/"))
+        assert hidden.replace(HIDDEN, "nobody") == nothing
+
+
+def test_a_robot_has_at_most_so_many_notes(here: AuthenticatedGateway, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(extension, "MOST_OF_ROBOT", 1)
+    with here.browsing("ann") as ann:
+        url = write(ann, f"{SEEN}/").headers["location"]
+        refused = write(ann, f"{SEEN}/elbow_joint")
+        assert refused.status_code == 409 and "Delete some first" in refused.text
+        assert ann.http.put(url, json={"about": f"{ann.root}{SEEN}/", "text": "Changed."}).status_code == 204
+        assert ann.http.delete(url).status_code == 204
 
 
 def test_notes_take_the_right_to_act_and_something_that_is_there(here: AuthenticatedGateway) -> None:

@@ -138,7 +138,9 @@ class Editing {
   /** Save the present positions of the same joints. */
   async again() {
     const body = present(this.value(TITLE), this.value(COMMENT), positions(this.form).map(({ joint }) => joint));
-    const headers = { "If-Match": this.form.dataset.match ?? "*" };
+    const { match } = this.form.dataset;
+    if (!match) return answer(this.form, "error", say("The pose is not read yet: load the page again."));
+    const headers = { "If-Match": match };
     const { problem } = await send("PUT", this.form.dataset.action, { body, headers });
     if (problem) return answer(this.form, "error", `${problem.title}. ${problem.detail}`);
     answer(this.form, "done", say("Done."));
