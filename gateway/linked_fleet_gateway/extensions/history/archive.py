@@ -11,17 +11,15 @@ import sqlite3
 import threading
 import time
 from collections import deque
-from collections.abc import AsyncIterator, Callable, Iterator, Sequence
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from linked_fleet_gateway.api import cancel_tasks, supervised
+from linked_fleet_gateway.extensions.history.kept_values import KeptValues, size_in_file
 from linked_fleet_gateway.extensions.history.segment import (
-    EVENT,
-    HELD,
     SUFFIX,
-    VALUE,
     DamagedSegmentError,
     Layout,
     Said,
@@ -42,13 +40,8 @@ _MOST_PENDING = 200_000
 """Frames that wait for the thread; more are lost, and counted."""
 _MOST_PENDING_BYTES = 32 * 2**20
 """Bytes of values of components that wait for the thread; more are lost, and counted."""
-_SHARE_OF_VALUES = 512
-"""The values of a robot take at most this part of all that may be kept in a segment; more are lost, and counted."""
 _FORGETS = 5
 """Batches in which a removed robot is looked for in files that somebody reads or writes."""
-_OF_ROW = 64
-"""Bytes that a value takes beside its path and its JSON."""
-_UNKNOWN = "null"
 
 
 @dataclass
@@ -96,14 +89,7 @@ class Archive:
         self._robots: dict[str, _Robot] = {}
         self._told: set[str] = set()
         """Robots of which it was logged that something of them is lost."""
-        self._held: dict[str, dict[str, Said]] = {}
-        """The last value of each property, by robot and path."""
-        self._written: dict[str, int] = {}
-        """Bytes of values in the present segment, by robot."""
-        self._crowded: dict[str, set[str]] = {}
-        """Properties whose values had no room in the present segment, by robot."""
-        self._holds_known = False
-        """True if the present segment has what was known when it began."""
+        self._kept = KeptValues(most_bytes, self._lose_value)
         self._in_parts: set[Path] = set()
         """Finished segments that somebody has read since, so that they are no single files yet."""
         self._forgotten: dict[str, int] = {}
@@ -134,7 +120,7 @@ class Archive:
         """Write values and events of components with the next batch."""
         latest_ns = self._now_ns() + AHEAD_NS
         for each in values:
-            size = _size(each)
+            size = size_in_file(each)
             if not 0 <= each.stamp_ns <= latest_ns or self._value_bytes + size > _MOST_PENDING_BYTES:
                 self.lost += 1
                 self._tell(each.robot, "a value is lost: it comes from the future, or too many others wait")
@@ -195,19 +181,15 @@ class Archive:
             chosen = self._chosen(batch.frames, now_s)
             if chosen or batch.values:
                 writer = self._present_writer()
-                writer.write(chosen, [*self._known_before(), *self._with_room(batch.values)])
-                self._holds_known = wrote = True
+                writer.write(chosen, self._kept.admitted(batch.values))
+                self._kept.holds_known = wrote = True
             if now_s - self._pruned_s >= _PRUNE_S:
                 self._pruned_s = now_s
                 self._prune()
         except Exception as error:  # noqa: BLE001 - whatever a batch has in it, the next one is written
             if not wrote:
                 self.lost += len(chosen or batch.frames) + len(batch.values)
-                self._hold(batch.values)
-                if not isinstance(error, (sqlite3.Error, OSError)):  # something in them cannot be written at all
-                    for each in batch.values:
-                        self._held.get(each.robot, {}).pop(each.path, None)
-                self._holds_known = False
+                self._kept.not_written(batch.values, can_be=isinstance(error, (sqlite3.Error, OSError)))
                 self._robots.clear()  # what comes next begins anew, after a gap
             if not isinstance(error, sqlite3.OperationalError):  # such as a full disk: the segment itself is fine
                 self._abandon()
@@ -221,7 +203,7 @@ class Archive:
         for robot, tries in list(self._forgotten.items()):
             if tries == _FORGETS:
                 self._robots.pop(robot, None)
-                self._held.pop(robot, None)
+                self._kept.forget(robot)
                 if self._writer is not None:
                     self._writer.forget(robot)
             done = self.shelf.forget(robot)
@@ -255,34 +237,9 @@ class Archive:
         robot.heard_s = now_s
         return found + [(layout, each) for each in robot.thinning.take(frame)]
 
-    def _known_before(self) -> list[Said]:
-        """Return what was known when the segment began, so that it answers alone what held at a time."""
-        if self._holds_known:
-            return []
-        known = [replace(each, kind=HELD) for held in self._held.values() for each in held.values()]
-        return list(self._with_room(known))
-
-    def _with_room(self, values: Sequence[Said]) -> Iterator[Said]:
-        """Yield the values for which there is room. The first one of a property for which there is none is unknown."""
-        self._hold(values)
-        for each in values:
-            size, written = _size(each), self._written.get(each.robot, 0)
-            if written + size <= self.most_bytes / _SHARE_OF_VALUES:
-                self._written[each.robot] = written + size
-                self._crowded.get(each.robot, set()).discard(each.path)
-                yield each
-                continue
-            self.lost += 1
-            self._tell(each.robot, "values of its components are lost: they take more bytes in an hour than there are")
-            crowded = self._crowded.setdefault(each.robot, set())
-            if each.kind != EVENT and each.path not in crowded:
-                crowded.add(each.path)
-                yield replace(each, json=_UNKNOWN)
-
-    def _hold(self, values: Sequence[Said]) -> None:
-        for each in values:
-            if each.kind == VALUE:
-                self._held.setdefault(each.robot, {})[each.path] = each
+    def _lose_value(self, said: Said) -> None:
+        self.lost += 1
+        self._tell(said.robot, "values of its components are lost: they take more bytes in an hour than there are")
 
     def _tell(self, robot: str, what: str) -> None:
         """Log what is lost of a robot, once until the segment is over."""
@@ -310,9 +267,8 @@ class Archive:
                     remove(path)
                 raise
             self.shelf.put(path, self._begin_ns, self._writer.ranges)
-            self._holds_known = False
-            for each in (self._written, self._crowded, self._told):
-                each.clear()
+            self._kept.begin_segment()
+            self._told.clear()
         return self._writer
 
     def _roll_if_due(self, writer: Writer) -> None:
@@ -389,10 +345,6 @@ class Archive:
         if unreadable := self.shelf.unreadable:
             found.append(f"{len(unreadable)} files cannot be read at present, such as {unreadable[0]}")
         return found
-
-
-def _size(said: Said) -> int:
-    return len(said.json) + len(said.path) + _OF_ROW
 
 
 def _is_single_now(path: Path) -> bool:

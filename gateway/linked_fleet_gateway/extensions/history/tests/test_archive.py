@@ -14,6 +14,7 @@ import pytest
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.extensions.history import archive as archive_module
+from linked_fleet_gateway.extensions.history import kept_values
 from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.segment import Layout, Reader, Said, Writer
 from linked_fleet_gateway.extensions.history.shelf import HELD_NS
@@ -390,9 +391,10 @@ def test_whatever_a_batch_has_in_it_is_counted_and_said_and_the_next_one_is_writ
 
 
 def test_a_talkative_component_has_a_bounded_part_of_a_segment_and_is_unknown_then(
-    disk: Disk, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(archive_module, "_SHARE_OF_VALUES", 10**9 / 20_000)
+    monkeypatch.setattr(kept_values, "SHARE", 10**9 / 20_000)
+    disk = Disk(tmp_path)
     for n in range(200):
         disk.say(f'"{n:0100}"', BEGIN + n * S, "talker/word")
         disk.say(str(n), BEGIN + n * S, robot="s")
