@@ -66,7 +66,7 @@ def _at(archive: Archive, robot: str, page: Page, at_ns: int) -> Page:
 
 def _forward(archive: Archive, robot: str, page: Page, begin_ns: int, most: int) -> Page:
     """Return the first frames from a time on: those on disk, and as many in memory as there is room for."""
-    found = archive.shelf.read(robot, begin_ns, _end_of_disk(page), most)
+    found = archive.shelf.read(robot, begin_ns, _end_of_disk(page), most, MOST_BYTES)
     joints = _joints_of(found.layout)
     if joints is None:
         return page

@@ -14,12 +14,15 @@ import pytest
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.extensions.history import archive as archive_module
-from linked_fleet_gateway.extensions.history import kept_values
+from linked_fleet_gateway.extensions.history import beyond, kept_values
 from linked_fleet_gateway.extensions.history.archive import Archive
+from linked_fleet_gateway.extensions.history.describe import Page
 from linked_fleet_gateway.extensions.history.segment import Layout, Reader, Said, Writer
 from linked_fleet_gateway.extensions.history.shelf import HELD_NS
+from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.extensions.history.thinning import STILL_NS, Thinning, gap_after, is_gap
-from linked_fleet_gateway.extensions.history.track import LATEST_NS, wall_ns
+from linked_fleet_gateway.extensions.history.track import LATEST_NS, Excerpt, Joints, wall_ns
+from linked_fleet_gateway.fleet.model import RobotModel
 
 S = 1_000_000_000
 HOUR = 3600 * S
@@ -359,6 +362,24 @@ def test_a_gateway_that_begins_leaves_the_segment_of_another_as_it_is(tmp_path: 
     assert before == one.frames() != ()
     one.move(BEGIN + 10 * S, 10)
     assert len(other.frames()) > len(before) and other.archive.findings == one.archive.findings == []
+
+
+@pytest.mark.parametrize("span", [Span(begin_ns=0), Span(end_ns=BEGIN + HOUR)], ids=["forward", "backward"])
+@pytest.mark.parametrize("in_memory", [0, 3])
+def test_pages_of_disk_and_memory_have_an_end_by_bytes(
+    disk: Disk, span: Span, in_memory: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    disk.move(BEGIN, 3)
+    disk.archive.close()
+    model, size = RobotModel.for_urdf(URDF), len(frame(1))
+    later = tuple(frame(BEGIN + (4 + n) * S) for n in range(in_memory))
+    excerpt = Excerpt(Joints(model, ("turn",), False), later) if later else None
+    page = Page(span, excerpt, (wall_ns(later[0]), wall_ns(later[-1])) if later else None)
+    monkeypatch.setattr(beyond, "MOST_BYTES", 5 * size)
+    read = beyond.beyond(disk.archive, "r", page, 10**6)
+    assert read is not None
+    found = read().excerpt
+    assert (found is not None and sum(map(len, found.frames)) == 8 * size) or found.after is found.before is None
 
 
 # -- what one robot, one batch or one reader does costs no other ------------------------------------------------------
