@@ -1,11 +1,13 @@
 """What components of a robot said, as it is on disk: values, events, and what held at an instant."""
 
+import asyncio
 import csv
 import io
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import dropwhile
 from pathlib import Path
+from typing import Any
 
 import pyshacl
 import pytest
@@ -13,6 +15,7 @@ from rdflib import URIRef
 
 from browser import HYBRIT, LF, SOSA, Browser
 from component_cell import Cell, Grasped
+from linked_fleet_gateway.extensions.history import sending, values
 from running import eventually
 from small_fleet import Place, live
 from virtual.processes import serving_robot
@@ -93,3 +96,38 @@ def test_times_at_the_ends_of_all_times_are_answered(scene: Scene, query: dict[s
     for at in ("9999-01-01T00:00:00Z", "0001-01-01T00:00:00Z"):
         assert scene.rows(at=at) == []
         assert scene.browser.http.get(whole, params={"at": at}).status_code == 200
+
+
+@pytest.mark.parametrize("media_type", ["text/turtle", "text/html", "text/csv"])
+def test_they_are_written_in_a_thread(scene: Scene, monkeypatch: pytest.MonkeyPatch, media_type: str) -> None:
+    read, run, in_thread, depth = values.read_resource, asyncio.to_thread, list[bool](), list[None]()
+
+    def reading(*of: Any) -> Any:
+        in_thread.append(bool(depth))
+        return read(*of)
+
+    async def running(work: Callable[..., Any], *of: Any) -> Any:
+        def noted() -> Any:
+            depth.append(None)
+            try:
+                return work(*of)
+            finally:
+                depth.pop()
+
+        return await run(noted)
+
+    monkeypatch.setattr(values, "read_resource", reading)
+    monkeypatch.setattr(asyncio, "to_thread", running)
+    first = scene.browser.http.get(scene.values, headers={"accept": media_type})
+    again = scene.browser.http.get(scene.values, headers={"accept": media_type, "if-none-match": first.headers["etag"]})
+    assert first.status_code == 200 and again.status_code in (200, 304) and in_thread == [True, True]
+
+
+def test_long_pages_take_one_of_the_places_of_long_histories(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene.cell.gripper.gap = 0.07
+    eventually(lambda: len(scene.of("gripper/width")) > 1, "the change")
+    usual, slots = sending._Pieces, list[object]()
+    monkeypatch.setattr(sending, "_PIECE_BYTES", 10)
+    monkeypatch.setattr(sending, "_Pieces", lambda response, slot: slots.append(slot) or usual(response, slot))
+    answer = scene.browser.http.get(scene.values, params={"limit": "1", "last": "PT1H"})
+    assert answer.status_code == 200 and 'rel="next"' in answer.headers["link"] and len(slots) == 1
