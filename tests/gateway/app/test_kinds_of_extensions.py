@@ -115,9 +115,9 @@ def browser(tmp_path: Path) -> Iterator[Browser]:
     flags = ("--extensions", "added", "--requests-per-client", "20")
     with installed(folder, "added", CODE), process(*place.command(), *flags) as one:
         one.said("serving")
-        with process("-m", "linked_fleet_agent", "--robot=notes=ur5", "--connect", place.zenoh):
+        with process("-m", "linked_fleet_agent", "--robot=jotter=ur5", "--connect", place.zenoh):
             found = Browser(place.root)
-            live(found, "notes")
+            live(found, "jotter")
             yield found
             found.close()
 
@@ -156,14 +156,14 @@ def test_an_operation_that_neither_accepts_nor_refuses_is_given_up(browser: Brow
 
 
 def test_a_stop_of_its_robot_cancels_an_operation(browser: Browser) -> None:
-    location = post(browser, "notes/actions/hang").headers["location"]
+    location = post(browser, "jotter/actions/hang").headers["location"]
     assert browser.page(location).one(LF.state) == LF.running
-    assert post(browser, "notes/actions/stop").status_code == 204
+    assert post(browser, "jotter/actions/stop").status_code == 204
     eventually(lambda: browser.page(location).one(LF.state) == LF.cancelled, "the end of the operation")
 
 
 def test_an_operation_can_be_deleted_with_its_invocation(browser: Browser) -> None:
-    location = post(browser, "notes/actions/hang").headers["location"]
+    location = post(browser, "jotter/actions/hang").headers["location"]
     assert browser.http.delete(location).status_code == 204
     assert browser.http.get(location).status_code == 404
 
@@ -176,7 +176,7 @@ def test_a_kind_that_is_a_stop_is_not_limited_by_rate_and_ignores_fields(browser
 
 
 def test_a_segment_with_a_tilde_renames_no_robot(browser: Browser) -> None:
-    eventually(lambda: browser.http.get(f"{browser.root}notes/").status_code == 200, "the rate limit to pass")
+    eventually(lambda: browser.http.get(f"{browser.root}jotter/").status_code == 200, "the rate limit to pass")
     answer = browser.http.post(f"{browser.root}~notes", json={"title": "a note"})
     assert answer.status_code == 201, answer.text
     assert httpx.URL(answer.headers["location"]).path.startswith("/~notes/")

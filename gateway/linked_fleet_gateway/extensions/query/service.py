@@ -15,7 +15,7 @@ from pyoxigraph import (
     serialize,
 )
 
-from linked_fleet_gateway.api import NavigationEntry
+from linked_fleet_gateway.api import NavigationEntry, Robot
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, QueryRequest
 from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
 from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, Query, check_select, parse_query
@@ -44,9 +44,13 @@ class Queries:
         self._live, self._limit_s = live, limit_s
         self._navigation = tuple(navigation)
         self._turns = FairTurns()
-        self._process = QueryProcess(
-            lambda: Feed(live.fleet, live.invocations, lambda robot, path: live.branches.robot_links(robot, path))
-        )
+        self._process = QueryProcess(lambda: Feed(live.fleet, live.invocations, self._links))
+
+    def _links(self, robot: Robot, path: str) -> list[tuple[NamedNode, str]]:
+        """Return the links of a robot to its branches; none if they cannot be told, which does not end the query."""
+        with self._live.faults.guard("SPARQL", robot.name, "branches"):
+            return self._live.branches.robot_links(robot, path)
+        return []
 
     async def __aenter__(self) -> "Queries":
         return self

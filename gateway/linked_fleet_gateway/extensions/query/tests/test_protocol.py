@@ -239,7 +239,7 @@ def test_its_page_has_columns_as_they_were_selected(http: httpx.Client, root: st
     query = """PREFIX ros: <http://ros.org/#> SELECT ?z ?a ?n { VALUES (?z ?a ?n) {
         (<ur5/> ros:Link 0.1234567891) (<https://example.org/some/thing> 'x'@de 'no number') } }"""
     page = ask(http, query, accept="text/html").text
-    assert re.findall(r'<th scope="col">(\w)</th>', page) == ["z", "a", "n"]
+    assert re.findall(r'<th scope="col"><bdi>(\w)</bdi></th>', page) == ["z", "a", "n"]
     assert f'<a href="{root}ur5/"><bdi>ur5/</bdi></a>' in page
     assert "<bdi>ros:Link</bdi>" in page and "<bdi>thing at example.org</bdi>" in page
     assert '<data value="0.1234567891">0.1235</data>' in page
