@@ -28,7 +28,7 @@ class Replay {
     this.speed = section.querySelector("select[name=speed]");
     this.output = section.querySelector("output");
     this.robots = [...section.querySelectorAll("article[data-robot]")].map((each) => new Then(each));
-    this.bar.hidden = false;
+    delete this.bar.dataset.unready;
     this.slider.max = String(STEPS);
     this.slider.oninput = () => this.go(this.begin + (this.slider.valueAsNumber / STEPS) * (this.end - this.begin));
     this.button.onclick = () => (this.frame ? this.pause() : this.play());

@@ -16,6 +16,7 @@ export function start() {
   document.addEventListener("saved", ({ target }) => {
     if (target instanceof HTMLFormElement && target.matches("form.note")) show();
   });
+  document.addEventListener("deleted", show);
 }
 
 /** Show the form, once, and the notes: of a robot all, of a fault those about it. */

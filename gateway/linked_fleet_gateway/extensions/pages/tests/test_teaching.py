@@ -82,6 +82,7 @@ def test_a_note_is_written_on_the_page_of_a_robot(operator: PageUser, client: Cl
     assert operator.made == 1
     press(notes.get_by_role("button", name="Delete"))
     press(page.get_by_role("dialog").get_by_role("button", name="Delete"))
+    expect(notes.locator("li")).to_have_count(0)
     page.goto(client.root + "ur5/notes")
     expect(page.locator("#notes")).to_contain_text("Nobody has written a note")
     assert violations_in_both_schemes(page) == [] and operator.fits()

@@ -91,7 +91,7 @@ def test_from_the_root_to_a_joint_that_moves(
     expect(page.locator(".task[data-state=cancelled]")).to_be_visible()
     assert page.evaluate("window.untouched")
 
-    page.get_by_role("link", name="baxter", exact=True).first.click()
+    page.get_by_role("link", name="Baxter, a two-armed robot").first.click()
     expect(page).to_have_url(f"{client.root}baxter/")
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
     measured = angle(client, "right_s1", "baxter")

@@ -31,7 +31,10 @@ async function remove(button, iri) {
   button.disabled = false;
   button.blur(); // otherwise its section would wait for it to lose the focus
   if (problem) notice(`${problem.title}. ${problem.detail}`);
-  else refresh();
+  else {
+    document.dispatchEvent(new CustomEvent("deleted", { detail: iri }));
+    refresh();
+  }
 }
 
 /** Ask for nothing of this page's own resource while it is deleted: its connections end before the response comes. */
