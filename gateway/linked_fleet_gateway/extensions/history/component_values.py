@@ -1,4 +1,4 @@
-"""What the components of robots said, for the history on disk: values that have changed, and events.
+"""Finds what the components of robots said, for the history on disk: values that have changed, and events.
 
 They are looked at once a second. So of a value that changes more often the last one of each second is kept, and of an
 event that occurs more often the last occurrence.
@@ -14,12 +14,11 @@ import msgspec
 from linked_fleet_gateway.api import Core, Robot, cancel_tasks, robot_path, supervised, time_sliced
 from linked_fleet_gateway.extensions.components.part import ComponentPart
 from linked_fleet_gateway.extensions.history.archive import Archive
-from linked_fleet_gateway.extensions.history.segment import EVENT, VALUE, Said
+from linked_fleet_gateway.extensions.history.segment import EVENT, UNKNOWN, VALUE, Said
 
 log = logging.getLogger(__name__)
 
 LOOK_S = 1.0
-_UNKNOWN = "null"
 
 
 class ValueWatch:
@@ -68,8 +67,8 @@ class ValueWatch:
         known, own = self._values.get(robot.name, {}), robot_path(robot.name)
         present = {part.path_of(name).removeprefix(own) for part in parts for name in part.declared.properties}
         for path in known.keys() - present:
-            if known.pop(path) != _UNKNOWN:
-                yield Said(robot.name, path, VALUE, _UNKNOWN, self._now_ns())
+            if known.pop(path) != UNKNOWN:
+                yield Said(robot.name, path, VALUE, UNKNOWN, self._now_ns())
 
     def _occurred(self, robot: Robot, part: ComponentPart) -> Iterator[Said]:
         known = self._events.setdefault(robot.name, {})

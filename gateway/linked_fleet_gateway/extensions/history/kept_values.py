@@ -7,13 +7,12 @@ a part of it, so that a talkative component does not cost the history of other r
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from linked_fleet_gateway.extensions.history.segment import EVENT, HELD, VALUE, Said
+from linked_fleet_gateway.extensions.history.segment import EVENT, HELD, UNKNOWN, VALUE, Said
 
 SHARE = 512
 """The values of a robot take at most this part of all that may be kept in a segment."""
 _OF_ROW = 64
 """Bytes that a value takes beside its path and its JSON."""
-_UNKNOWN = "null"
 
 
 def size_in_file(said: Said) -> int:
@@ -75,4 +74,4 @@ class KeptValues:
             self._lost(each)
             if each.kind != EVENT and each.path not in crowded:
                 crowded.add(each.path)
-                yield replace(each, json=_UNKNOWN)
+                yield replace(each, json=UNKNOWN)

@@ -27,6 +27,8 @@ _MOST_URDF = 64 * 2**20
 _BUSY_S = 2.0
 VALUE, EVENT, HELD = "value", "event", "held"
 """Kinds of what is said. A held value was known when its segment began, and has the time when it was said."""
+UNKNOWN = "null"
+"""The JSON of a value of which nothing is known."""
 _VALUES = "SELECT path, kind, said,"
 _SCHEMA = f"""
 PRAGMA application_id = {APPLICATION_ID};
@@ -52,7 +54,7 @@ class DamagedSegmentError(Exception):
 
 @dataclass(frozen=True)
 class Layout:
-    """What the numbers in frames of a robot mean."""
+    """The meaning of the numbers in frames of a robot."""
 
     robot: str
     joints: tuple[str, ...]

@@ -157,13 +157,13 @@ class Shelf:
 
     @property
     def damaged(self) -> list[str]:
-        """What is wrong with segments that are skipped, a sentence for each."""
+        """Sentences about what is wrong with segments that are skipped, one for each."""
         with self._lock:
             return sorted(each.damage for each in self._files.values() if each.damage)
 
     @property
     def unreadable(self) -> list[str]:
-        """What kept segments from being read last time, a sentence for each."""
+        """Sentences about what kept segments from being read last time, one for each."""
         with self._lock:
             return sorted(each.trouble for each in self._files.values() if each.trouble and not each.damage)
 

@@ -26,7 +26,7 @@ from linked_fleet_gateway.api import (
 from linked_fleet_gateway.extensions.history.describe import LF
 from linked_fleet_gateway.extensions.history.files import CSV
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.history.segment import Said
+from linked_fleet_gateway.extensions.history.segment import UNKNOWN, Said
 from linked_fleet_gateway.extensions.history.sending import paced
 from linked_fleet_gateway.extensions.history.shelf import Shelf
 from linked_fleet_gateway.extensions.history.span import MOST, Span, lexical_time, parse_span, query
@@ -93,7 +93,7 @@ def _selected(shelf: Shelf, robot: str, span: Span, now_ns: int) -> tuple[Sequen
     if span.at_ns is not None:
         heard = shelf.at(robot, span.at_ns).frames
         held = shelf.values_at(robot, span.at_ns) if heard else {}
-        return [held[path] for path in sorted(held) if held[path].json != "null"], None
+        return [held[path] for path in sorted(held) if held[path].json != UNKNOWN], None
     last_ns = span.last_ns if span.last_ns is not None else None if span.end_ns is not None else _RECENT_NS
     begin_ns = span.begin_ns if span.begin_ns is not None else 0 if last_ns is None else max(0, now_ns - last_ns)
     end_ns = LATEST_NS if span.end_ns is None else span.end_ns

@@ -10,7 +10,6 @@ from msgspec.structs import replace
 from linked_fleet_gateway.api import (
     DCTERMS,
     RDFS,
-    Body,
     Conflict,
     Container,
     Core,
@@ -187,14 +186,11 @@ class Poses:
 def container_of(robot: Robot, records: PosesOfRobot) -> Container[SavedPose]:
     return Container(
         segment=poses_path(robot.name)[1:], title=f"Poses of {robot.name}", type=LF.PoseList,
-        member_type=LF.SavedPose, records=records, shape=LF.PoseInput, read=partial(_read, robot), describe=_describe,
-        title_of=lambda pose: pose.title, blueprint=LF.PoseListShape, member_blueprint=LF.SavedPoseShape,
-        writing=(Right.ACT, Right.ADMIN), check=_check, signed=_signed, facts=_findings,
+        member_type=LF.SavedPose, records=records, shape=LF.PoseInput, read=partial(read_pose, robot),
+        describe=_describe, title_of=lambda pose: pose.title, blueprint=LF.PoseListShape,
+        member_blueprint=LF.SavedPoseShape, writing=(Right.ACT, Right.ADMIN), check=_check,
+        signed=_signed, facts=_findings,
     )  # fmt: skip
-
-
-def _read(robot: Robot, body: Body) -> SavedPose:
-    return read_pose(robot, body)
 
 
 async def _check(pose: SavedPose, tree: Tree, caller: Identity) -> None:

@@ -1,4 +1,4 @@
-"""What is written of components: values as they change, and that nothing is known of what is gone."""
+"""Values of components are written as they change, and as unknown once what had them is gone."""
 
 from types import SimpleNamespace
 from typing import Any, cast

@@ -1,4 +1,4 @@
-"""What components of a robot said, as it is on disk: values, events, and what held at an instant."""
+"""Values and events of components are read from disk, and those that held at an instant."""
 
 import asyncio
 import csv

@@ -3,6 +3,7 @@
 import { confirmed } from "../../pages/scripts/src/confirm.js";
 import { choice, field } from "../../pages/scripts/src/elements.js";
 import { fetchGraph } from "../../pages/scripts/src/fleet_offer.js";
+import { robotCount } from "../../pages/scripts/src/format.js";
 import { offer } from "../../pages/scripts/src/group.js";
 import { notice } from "../../pages/scripts/src/notice.js";
 import { key } from "../../pages/scripts/src/ntriples.js";
@@ -33,7 +34,7 @@ export function start() {
     const begins = [["now", say("now")]];
     if (waits) begins.unshift(["queue", say("in the queue, each in its turn")]);
     const when = choice(begins, begins[0][0]);
-    const robots = count === 1 ? say("1 robot") : say("{count} robots", { count });
+    const robots = robotCount(count);
     const more = [field(say("Mission"), which), field(say("Begin"), when)];
     const sure = await confirmed(say("Which mission do {robots} get?", { robots }), { yes: say("Give the mission"), more });
     if (sure === undefined) return undefined;

@@ -1,6 +1,7 @@
 // The floor from above: the map, outlines of objects, and robots with their headings. It needs no WebGL and little of a phone.
 
 import { say } from "../../pages/scripts/src/say.js";
+import { robotCount } from "../../pages/scripts/src/format.js";
 import { adopt } from "../../pages/scripts/src/region.js";
 import { parse } from "../../pages/scripts/src/ntriples.js";
 import { poseOf } from "../../pages/scripts/src/pose_of.js";
@@ -147,7 +148,7 @@ class Floor {
   /** Say in words what is drawn, for those who do not see it. */
   tell(robots) {
     const named = this.map ? say("Map {title}", { title: this.map.title }) : say("No map of the floor");
-    const drawn = robots.length === 1 ? say("1 robot") : say("{count} robots", { count: robots.length });
+    const drawn = robotCount(robots.length);
     const things = this.objects.length === 1 ? say("1 object") : say("{count} objects", { count: this.objects.length });
     const said = `${named}, ${drawn}, ${things}`;
     const caption = this.section.querySelector("#floor-said");

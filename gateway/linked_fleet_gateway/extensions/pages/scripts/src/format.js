@@ -1,6 +1,6 @@
 // Numbers as people read them; gateway/linked_fleet_gateway/extensions/pages/texts.py does the same.
 
-import { localized } from "./say.js";
+import { localized, say } from "./say.js";
 
 const LARGE = 1e15;
 const SMALL = 1e-9;
@@ -49,4 +49,8 @@ export function converted(value, unit) {
   const [scale, name, decimals] = known;
   const text = localized(String(Number((value * scale).toFixed(decimals)) + 0));
   return name === "°" ? `${text}°` : `${text} ${name}`;
+}
+
+export function robotCount(/** @type {number} */ count) {
+  return count === 1 ? say("1 robot") : say("{count} robots", { count });
 }

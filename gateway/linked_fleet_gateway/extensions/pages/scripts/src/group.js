@@ -2,6 +2,7 @@
 
 import { say } from "./say.js";
 import { confirmed } from "./confirm.js";
+import { robotCount } from "./format.js";
 import { adopt, refresh } from "./region.js";
 import { send } from "./request.js";
 import { lf } from "./vocabulary.js";
@@ -63,22 +64,22 @@ const ACTIONS = {
   // A question would delay it; the bar says how many are chosen.
   stop: async () => (robot) => send("POST", `${robot}actions/stop`),
   async out(count) {
-    const reason = await confirmed(say("Take {robots} out of service?", { robots: robots(count) }), { yes: say("Take out of service"), field: say("Why"), danger: true });
+    const reason = await confirmed(say("Take {robots} out of service?", { robots: robotCount(count) }), { yes: say("Take out of service"), field: say("Why"), danger: true });
     if (!reason) return undefined;
     const body = `<> <${lf("inService")}> false ; <${lf("reason")}> ${JSON.stringify(reason)} .`;
     return (robot) => send("PUT", `${robot}availability`, { body });
   },
   async return(count) {
-    const sure = await confirmed(say("Return {robots} to service?", { robots: robots(count) }), { yes: say("Return to service") });
+    const sure = await confirmed(say("Return {robots} to service?", { robots: robotCount(count) }), { yes: say("Return to service") });
     const body = `<> <${lf("inService")}> true .`;
     return sure === undefined ? undefined : (robot) => send("PUT", `${robot}availability`, { body });
   },
   async tag(count) {
-    const tag = await confirmed(say("Which tag do {robots} get?", { robots: robots(count) }), { yes: say("Add the tag"), field: say("Tag"), most: TAG_CHARACTERS });
+    const tag = await confirmed(say("Which tag do {robots} get?", { robots: robotCount(count) }), { yes: say("Add the tag"), field: say("Tag"), most: TAG_CHARACTERS });
     return tag ? (robot) => patchTags(robot, "INSERT", tag) : undefined;
   },
   async untag(count) {
-    const tag = await confirmed(say("Which tag do {robots} lose?", { robots: robots(count) }), { yes: say("Remove the tag"), field: say("Tag"), most: TAG_CHARACTERS });
+    const tag = await confirmed(say("Which tag do {robots} lose?", { robots: robotCount(count) }), { yes: say("Remove the tag"), field: say("Tag"), most: TAG_CHARACTERS });
     return tag ? (robot) => patchTags(robot, "DELETE", tag) : undefined;
   },
 };
@@ -91,10 +92,6 @@ export function offer(/** @type {string} */ name, /** @type {(robots: number) =>
 function patchTags(robot, way, tag) {
   const body = `${way} DATA { <${robot}tags> <${lf("tag")}> ${JSON.stringify(tag)} }`;
   return send("PATCH", `${robot}tags`, { body, headers: SPARQL });
-}
-
-function robots(count) {
-  return count === 1 ? say("1 robot") : say("{count} robots", { count });
 }
 
 async function act(name) {
