@@ -12,9 +12,9 @@ from fuzzing.findings import Tally, in_process
 from linked_fleet_agent.robot import Facts, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import AddressError, parse_address
+from linked_fleet_agent.robots.ros2.finding import facts_of
 from linked_fleet_agent.robots.ros2.graph import ReceivedMessage
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints
-from linked_fleet_agent.robots.ros2.robot import facts_of
 from linked_fleet_agent.robots.ros2.state_layouts import JointStateReader
 from linked_fleet_agent.robots.ros2.transports import DdsBridge, RmwZenoh, Transport, is_bridge
 from linked_fleet_agent.urdf import UrdfError, joints_of

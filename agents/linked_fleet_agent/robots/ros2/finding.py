@@ -104,11 +104,11 @@ def facts_of(name: str, arrived: ReceivedMessage) -> Facts:
     if arrived.payload is None:
         raise cdr.CdrError("it is too long")
     urdf = cdr.read_string(arrived.payload)
-    joints = joints_of(urdf)
+    model, joints = RobotModel.for_urdf(urdf), joints_of(urdf)
     names = {joint.name for joint in joints}
     if not 0 < len(names) == len(joints) <= cdr.MAX_JOINTS:
         raise UrdfError(f"{len(joints)} joints with {len(names)} different names are not the joints of a robot")
-    return Facts(RobotModel.for_urdf(urdf).name[:_LONGEST_TITLE], urdf, joints)
+    return Facts(model.name[:_LONGEST_TITLE], urdf, joints)
 
 
 def with_meshes(name: str, facts: Facts, address: Address, roots: MeshRoots) -> Facts:
