@@ -38,7 +38,7 @@ def types_of(address: Address) -> MessageTypes:
 
 async def open_session(name: str, address: Address, hash_of: Callable[[str], str], deadline_s: float) -> RosSession:
     """Open the session of an address. Raises ConnectionError if its endpoint does not answer in time."""
-    _log.info("%s: waiting for %s at %s", name, address.description, address.endpoint)
+    _log.debug("%s: waiting for %s at %s", name, address.description, address.endpoint)
     while True:
         try:
             return await asyncio.to_thread(
