@@ -1,4 +1,4 @@
-"""Robots of ROS 2: what an agent costs with twenty joints at 100 Hz by transport, and how fast a goal is accepted.
+"""Robots of ROS 2: what an agent costs with twenty joints at 100 Hz, how fast goals are accepted, and restarts.
 
 The robots are real (``make ros-peers``): that of hiroz over rmw_zenoh, and that of rclpy behind the bridge. Most of
 their joints move. Goals go to the robot of hiroz, beside bare queries of Zenoh with the same bytes.
@@ -19,12 +19,14 @@ from linked_fleet_agent.robots.ros2.goals import ActionClient
 from linked_fleet_agent.robots.ros2.graph import Interface
 from linked_fleet_agent.robots.ros2.session import RosSession
 from linked_fleet_agent.robots.ros2.types import MessageTypes
+from ros_fleet import PARTS, restarts, ros_fleet
 from ros_peers import ARM, HIROZ_ROBOT, Build, behind_bridge, on_rmw_zenoh
 from running import eventually, process
 from small_fleet import Place, live
 
 JOINTS, OF_ARM, GOALS = 20, 3, 200
 SETTLED_S = 3.0
+RESTARTS, HEALED_S = 12, 10.0
 MOST_PERCENT, MOST_TIMES = 5.0, 3.0
 NAVIGATE = "nav2_msgs/action/NavigateToPose"
 
@@ -34,7 +36,7 @@ def rows(seconds: float) -> list[Row]:
     if not HIROZ_ROBOT.exists():
         raise UnavailableError("the robots of ROS 2 are not built: make ros-peers")
     costs = [_cost(scheme, robot, seconds) for scheme, robot in (("ros2:", on_rmw_zenoh), ("ros2dds:", behind_bridge))]
-    return [*costs, *_goals()]
+    return [*costs, *_goals(), *(_restarts(side) for side in PARTS)]
 
 
 def urdf(more: int) -> str:
@@ -64,6 +66,13 @@ def _cost(scheme: str, running: Callable[..., AbstractContextManager[str]], seco
         time.sleep(max(seconds, 10.0))
         percent = 100.0 * (cpu_s(pid_of(agent)) - before_s) / (time.monotonic() - began_s)
     return bounded(f"agent of {JOINTS} joints at 100 Hz, {scheme}", "% of a core", percent, MOST_PERCENT)
+
+
+def _restarts(side: str) -> Row:
+    """Restart router, bridge, robot, agents and gateway in any order, until the robots of all agents can be used."""
+    with tempfile.TemporaryDirectory() as folder, ros_fleet(Path(folder), side, without=()) as (running, fleet):
+        slowest_s = max(restarts(running, fleet, side, RESTARTS))
+    return bounded(f"robots usable after {RESTARTS} restarts, {side}:, slowest", "s", slowest_s, HEALED_S)
 
 
 def _goals() -> list[Row]:
