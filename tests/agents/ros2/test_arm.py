@@ -1,5 +1,7 @@
 """An arm of ROS with controllers and a gripper, in a graph in memory, on virtual time."""
 
+import math
+
 import pytest
 
 from linked_fleet_agent.robots.ros2.goals import ABORTED, SUCCEEDED
@@ -47,6 +49,33 @@ async def test_a_motion_is_a_goal_with_result() -> None:
         assert arm.arm.statuses == {goal_id: SUCCEEDED}
         assert bench.end("m").state == "succeeded", bench.end("m")
         assert arm.sent() == []
+        assert goal["goal_tolerance"] == [], "that of the controller"
+
+
+async def test_the_tolerance_of_the_address_is_that_of_goals() -> None:
+    arm = MemoryArm()
+    async with ArmBench(arm, "?tolerance=0.01") as bench:
+        bench.move("m", pan=0.5)
+        await bench.run(0.1)
+        assert arm.arm is not None
+        [goal] = arm.arm.goals.values()
+        said = [(each["name"], each["position"]) for each in goal["goal_tolerance"]]
+        assert said == [("pan", 0.01), ("lift", 0.01)]
+
+
+async def test_a_controller_that_does_not_say_why_has_told_where_the_joints_were() -> None:
+    arm = MemoryArm()
+    async with ArmBench(arm) as bench:
+        bench.move("m", pan=0.5)
+        await bench.run(0.1)
+        assert arm.arm is not None
+        goal_id = next(iter(arm.arm.goals))
+        errors = {"positions": [0.02, -0.31, math.inf]}
+        arm.arm.tell(goal_id, joint_names=["pan", "lift", "more"], error=errors)
+        arm.arm.end(goal_id, ABORTED, error_code=-4)
+        await bench.run(0.2)
+        said = "the path tolerance is violated (lift was 0.31 off its trajectory)"
+        assert bench.end("m").reason == f"{arm.arm.name}: {said}"
 
 
 @pytest.mark.parametrize(

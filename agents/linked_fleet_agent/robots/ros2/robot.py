@@ -133,7 +133,8 @@ class Ros2Robot:
         facts = with_meshes(name, await described(name, address, graph, descriptions, deadline_s), address, roots)
         await settled(graph)
         controllers = await controllers_of(graph, types, address, facts)
-        parts = await find_parts(OwnGraph(graph, types, address.namespace), facts, controllers, configuration)
+        own = OwnGraph(graph, types, address.namespace)
+        parts = await find_parts(own, facts, controllers, configuration, address.tolerance)
         robot = cls(name, address, facts, graph, descriptions, controllers, parts)
         await robot.wait_for_peers()
         return robot

@@ -44,9 +44,18 @@ _MADE_FROM: frozenset[tuple[Role, str]] = frozenset(
 )
 
 
-async def find_parts(own: OwnGraph, facts: Facts, controllers: Controllers, configuration: Configuration) -> Parts:
-    """Return what the graph offers of one robot, and what a configuration makes of the rest of the graph."""
-    found = _Search(own, facts, controllers, configuration)
+async def find_parts(
+    own: OwnGraph,
+    facts: Facts,
+    controllers: Controllers,
+    configuration: Configuration,
+    tolerance: float | None = None,
+) -> Parts:
+    """Return what the graph offers of one robot, and what a configuration makes of the rest of the graph.
+
+    Goals of controllers have the ``tolerance``, if there is one.
+    """
+    found = _Search(own, facts, controllers, configuration, tolerance)
     await found.run()
     return found.parts
 
@@ -54,8 +63,16 @@ async def find_parts(own: OwnGraph, facts: Facts, controllers: Controllers, conf
 class _Search:
     """One search, and what is looked at again while the robot runs."""
 
-    def __init__(self, own: OwnGraph, facts: Facts, controllers: Controllers, configuration: Configuration) -> None:
+    def __init__(
+        self,
+        own: OwnGraph,
+        facts: Facts,
+        controllers: Controllers,
+        configuration: Configuration,
+        tolerance: float | None,
+    ) -> None:
         self._own, self._facts, self._controllers, self._configuration = own, facts, controllers, configuration
+        self._tolerance = tolerance
         self._exposed = Exposed()
         self._missing, self._unanswered = list[str](), list[str]()
         self._made_from, self._before = self._relevant(), frozenset[Interface]()
@@ -124,7 +141,7 @@ class _Search:
         for each in self._controllers.chosen:
             client = offered.get(f"{each.topic.removesuffix(_TRAJECTORY)}/follow_joint_trajectory")
             if client is not None:
-                found.append(Way(client, joints_of_controller(each, self._facts)))
+                found.append(Way(client, joints_of_controller(each, self._facts), self._tolerance))
             else:
                 self._missing.append(f"{each.topic} offers no FollowJointTrajectory; trajectories go to its topic")
         return found
