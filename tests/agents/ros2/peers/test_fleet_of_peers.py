@@ -90,8 +90,8 @@ def test_battery_and_diagnostics_are_read(arm: Thing) -> None:
 
 
 def test_battery_and_diagnostics_are_on_the_page_of_the_robot(arm: Thing) -> None:
-    eventually(lambda: {"75 %"} <= texts(page(f"{arm.iri}battery/")), "the charge")
-    eventually(lambda: {"motor", "warm"} <= texts(page(f"{arm.iri}diagnostics/")), "the states")
+    eventually(lambda: {"Charge", "75", "%", "discharging"} <= texts(page(f"{arm.iri}battery")), "the charge")
+    eventually(lambda: {"motor", "warning", "warm"} <= texts(page(f"{arm.iri}diagnostics")), "the states")
 
 
 def page(iri: str) -> str:
