@@ -32,6 +32,7 @@ MOST_PERCENT, MOST_TIMES = 5.0, 3.0
 _BARE = """
 import asyncio, sys
 import zenoh
+from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.zenoh_session import configuration
 ros, fleet, key, payload = *sys.argv[1:4], bytes(int(sys.argv[4]))
 newest = [None]
@@ -47,7 +48,8 @@ async def main():
     await asyncio.Event().wait()
 with zenoh.open(configuration((ros,), (), 2_000)) as one, zenoh.open(configuration((fleet,), (), 2_000)) as other:
     subscriber = one.declare_subscriber(key, zenoh.handlers.Callback(take, indirect=False))
-    publisher = other.declare_publisher("bare/state", congestion_control=zenoh.CongestionControl.DROP)
+    drop = zenoh.CongestionControl.DROP
+    publisher = other.declare_publisher(Keys().robot("bare", "state"), congestion_control=drop)
     asyncio.run(main())
 """
 _FRAME_BYTES = 40 + 3 * 8 * JOINTS
