@@ -11,6 +11,7 @@ import pytest
 from browser import Browser
 from commanding import ended
 from linked_fleet_gateway.extensions.planning import kept_plans, planner
+from mcp_client import mcp_session
 from running import eventually, process
 from scene_client import contents, crate, put_object, put_robot
 from small_fleet import Place, live
@@ -319,6 +320,32 @@ def test_reach_offers_a_plan_for_its_direct_path_too(panda: Arm) -> None:
     moved = panda.post("reach", body | {"plan": said["plan"]})
     assert moved.status_code == 204, moved.text
     ended(panda.browser, moved.headers["location"])
+
+
+def test_language_models_see_the_path_and_get_the_path_that_they_saw(
+    panda: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find, used = kept_plans.KeptPlans.find, list[str]()
+
+    async def noting(plans: kept_plans.KeptPlans, id: str) -> kept_plans.Found | None:
+        used.append(id)
+        return await find(plans, id)
+
+    monkeypatch.setattr(kept_plans.KeptPlans, "find", noting)
+    action, body = f"{panda.root}actions/moveJoints", panda.body(BESIDE, "Planned")
+    with mcp_session(panda.browser.root) as model:
+        shown = model.call("rehearse", action=action, body=body)["structuredContent"]
+        assert shown["plan"] and len(shown["waypoint"]) >= 10 and shown["closest"], shown
+        put_object(panda.browser, crate("late", 0.15, 0.45, 0.5, 120))
+        stale = model.call("act", action=action, body=body | {"plan": shown["plan"]})
+        assert stale["isError"] and stale["structuredContent"]["type"].endswith("#changed"), stale
+        for each in contents(panda.browser):
+            if "late" in panda.browser.http.get(each).text:
+                panda.browser.http.delete(each)
+        done = model.call("act", action=action, body=body)
+    assert not done["isError"], done
+    assert done["structuredContent"]["plannedBecause"]
+    assert used[0] == shown["plan"] and len(set(used)) == 2, "the plan of the rehearsal of the tool act is used"
 
 
 def test_a_client_keeps_a_few_plans_only(panda: Arm) -> None:
