@@ -48,23 +48,37 @@ def quickly_timed_s(scene: Scene, path: JointPath) -> float | None:
 
 
 def fastest(
-    scene: Scene, path: JointPath, speeds: Array, accepts: Callable[[Timed], bool] = lambda timed: True
+    scene: Scene,
+    path: JointPath,
+    speeds: Array,
+    accepts: Callable[[Timed], bool] = lambda timed: True,
+    refined: JointPath | None = None,
 ) -> Timed | None:
-    """Return the fastest motion along a path that is accepted, or None.
+    """Return the fastest motion along a path, or along one that was ``refined`` from it, that is accepted, or None.
 
     ``speeds`` are the limits of its joints, in order.
     """
+    curves = _curves(scene, path, (0.0, *_ROUNDINGS) if refined is None else (0.0, _ROUNDINGS[0]))
+    if refined is not None:
+        curves += _curves(scene, refined, (0.0, _ROUNDINGS[-1]))
     best: Timed | None = None
-    for mode, rounding in ((SplineFittingMode.Cubic, 0.0), *((SplineFittingMode.LinearBlend, r) for r in _ROUNDINGS)):
-        if mode is SplineFittingMode.Cubic and len(path.positions) <= 2:
-            continue
-        curve = _Curve(scene, path, mode, rounding)
-        if curve.duration_s is None or (best is not None and curve.duration_s >= best.duration_s):
-            continue
-        timed = curve.timed(STEP_S)
-        if accepts(timed):
+    for curve in sorted(curves, key=lambda each: each.duration_s or math.inf):
+        if best is not None and best.duration_s <= (curve.duration_s or math.inf):
+            break
+        timed = _within(curve.timed(STEP_S), speeds)
+        if (best is None or timed.duration_s < best.duration_s) and accepts(timed):
             best = timed
-    return None if best is None else _within(best, speeds)
+    return best
+
+
+def _curves(scene: Scene, path: JointPath, roundings: Sequence[float]) -> "list[_Curve]":
+    """Return the curves through a path that have a motion: a spline (0), and with corners that are rounded so far."""
+    found = [
+        _Curve(scene, path, SplineFittingMode.LinearBlend if rounding else SplineFittingMode.Cubic, rounding)
+        for rounding in roundings
+        if rounding or len(path.positions) > 2
+    ]
+    return [each for each in found if each.duration_s is not None]
 
 
 def smooth(scene: Scene, path: JointPath, speeds: Array) -> Timed | None:
