@@ -23,7 +23,7 @@ from roboplan.core import (
 )
 from roboplan.rrt import RRT, RRTOptions
 
-from linked_fleet_gateway.extensions.planning.clearance import touched
+from linked_fleet_gateway.extensions.planning.clearance import hindered, touched
 from linked_fleet_gateway.extensions.planning.constrained import Corridor
 from linked_fleet_gateway.extensions.planning.keeping import AXES, Keeper
 from linked_fleet_gateway.extensions.planning.messages import BlockedAt, FindPath, NotFound, PathFound, PlanAnswer
@@ -97,7 +97,9 @@ def find(
         if keeper is not None:
             writer.add_tip(asked.keeps.tip, AXES[keeper.axis])
         scene = writer.build(things, goals, Permission.of(around, robot))
-        return _Search(asked, robot, scene, ends_s).answer(goals)
+        answer = _Search(asked, robot, scene, ends_s).answer(goals)
+    near = hindered(around, robot, things, start, asked.bounds) if isinstance(answer, NotFound) else None
+    return answer if near is None else BlockedAt("start", near)
 
 
 def _free_goals(

@@ -129,16 +129,14 @@ class PathFound(Struct, frozen=True, tag="path"):
 
 
 class BlockedAt(Struct, frozen=True, tag="blocked"):
-    """The robot touches something where it begins, or would do so at every goal."""
+    """The robot would touch something at every goal, or no path was found and something is near where it begins."""
 
     place: Literal["start", "goal"]
     by: CollisionFound
 
 
 class NotFound(Struct, frozen=True, tag="none"):
-    """No path was found in time. ``by`` is what the straight line meets, if that is known."""
-
-    by: CollisionFound | None = None
+    """No path was found in time."""
 
 
 class PlanFailed(Struct, frozen=True, tag="unplanned"):

@@ -18,7 +18,7 @@ from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, 
 from linked_fleet_gateway.base.errors import FleetError, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.planning.constraints import carried, constraints_of, is_constrained, refusal
-from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound
+from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound, StartBlocked
 from linked_fleet_gateway.extensions.planning.kept_path import KeptPath, keep, moving_joint
 from linked_fleet_gateway.extensions.planning.kept_plans import KeptPlans, plan_of
 from linked_fleet_gateway.extensions.planning.messages import (
@@ -169,7 +169,9 @@ class Planner(MotionPlanner):
             around = self._questions.about(motion, robots, sees, own_id)
             asked = self._question(motion, around, search)
             answer = await self._process.find(asked)
-            is_goal_bad = isinstance(answer, BlockedAt) or (isinstance(answer, Broken) and answer.share == 1.0)
+            is_goal_bad = (isinstance(answer, BlockedAt) and answer.place == "goal") or (
+                isinstance(answer, Broken) and answer.share == 1.0
+            )
             if is_goal_bad and isinstance(asked, FindPath):
                 asked = replace(asked, goals=await asyncio.to_thread(other_goals, motion, asked))
                 answer = await self._process.find(asked) if asked.goals else answer
@@ -244,6 +246,13 @@ class Planner(MotionPlanner):
         if isinstance(answer, BlockedAt):
             met = self._checks.collision(robot, answer.by)
             what = met.names[1] if len(met.names) > 1 else "another robot"
+            if answer.place == "start":
+                return StartBlocked(
+                    f"No path of {robot.name} was found from where it stands: {answer.by.link} is nearer than 1 cm to "
+                    f"{what} there. Move away from it first, or name it by lf:mayTouch if it is to be touched.",
+                    reason="something is where it would begin",
+                    met=met,
+                )
             detail = f"The goal is blocked: {answer.by.link} of {robot.name} would meet {what} there."
             return GoalBlocked(detail, reason="something is where it would end", met=met)
         within_s = asked.within_s if isinstance(asked, FindPath) else SEARCH_S
@@ -261,6 +270,7 @@ class PlannedPaths(Paths):
     def __init__(self, planner: Planner, motion: Motion, caller: Caller, own_id: str) -> None:
         self._planner, self._motion, self._caller, self._own_id = planner, motion, caller, own_id
         self._given, self._because = 0, ""
+        self._met: Collides | None = None
         self._waits = planner.waits(motion, own_id)
         self._left_s = min(max(caller.patience_s or 0.0, SEARCH_S), MOST_SEARCH_S)
         self.most_s = self._left_s + EARLY_S + _MOST_PATHS * _ANSWER_S
@@ -281,6 +291,7 @@ class PlannedPaths(Paths):
             self._because = asked_for if refused is None else f"on the direct path {refused.reason}"
             if not constrained:
                 self._waits.note(refused)
+                self._met = refused if isinstance(refused, Collides) else None
         found = await self._searched(1 if straight else _MOST_PATHS)
         return found or self._waits.next(self._because)
 
@@ -293,13 +304,21 @@ class PlannedPaths(Paths):
         seed, within_s = self._given * _SEEDS, self._left_s
         try:
             planned = await self._planner.plan(self._motion, self._caller, self._own_id, Search(seed, within_s))
-        except (GoalBlocked, NoPathFound):
+        except (GoalBlocked, StartBlocked, NoPathFound) as error:
             if not self._waits.help:
-                raise
+                raise self._explained(error) from error
             self._left_s = 0.0
             return None
         self._left_s -= asyncio.get_running_loop().time() - began_s
         return replace(planned, detour=self._because)
+
+    def _explained(self, refused: MotionRefused) -> MotionRefused:
+        """Say what is in the way of the direct path if no other one was found."""
+        met = self._met
+        if not isinstance(refused, NoPathFound) or met is None:
+            return refused
+        what = f" On the direct path {met.names[0]} would meet {met.names[1]}." if len(met.names) > 1 else ""
+        return NoPathFound(refused.detail + what, reason=refused.reason, met=met)
 
     async def keep(self, motion: Motion) -> KeptPlan | None:
         """Keep a rehearsed motion on one of these paths."""

@@ -2,9 +2,9 @@
 
 Joints that do not move are fixed. Each shape of the robot is a link of its own, so that exactly the pairs of the
 collision check are compared. What is around is larger than it is by ``CLEARANCE_M``, unless the robot is nearer than
-that at the start. A mesh of the robot is replaced by its convex hull, which takes a fraction of the time to compare,
-unless the hull is near something at the start or at a goal. So a path may be missed inside a hull, but none is free
-that touches the mesh.
+that at the start or at a goal. A mesh of the robot is replaced by its convex hull, which takes a fraction of the time
+to compare, unless the hull is near something at the start or at a goal. So a path may be missed inside a hull, but none
+is free that touches the mesh.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -20,7 +20,6 @@ from roboplan.core import Scene, loadJointLimitsConfig, loadUrdfSceneDescription
 from linked_fleet_gateway.extensions.planning.inflation import Triangles, inflated
 from linked_fleet_gateway.extensions.planning.messages import JointBounds
 from linked_fleet_gateway.extensions.planning.stl import stl_of, stl_of_hull
-from linked_fleet_gateway.extensions.world.collision_check import SLACK_M
 from linked_fleet_gateway.extensions.world.held_bodies import NO_PERMISSION, Permission
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.path import moved_positions
@@ -40,6 +39,10 @@ CLEARANCE_M = 0.0115
 """Clearance of paths: the margin of the collision check, and what a path may deviate between two checked places."""
 _CORNER_M = 2 * CLEARANCE_M
 """More than a corner of something around moves when that is made larger: by up to √3 times the clearance."""
+_NEAR_SLACK_M = 0.0003
+"""How much nearer than at the start or a goal the search may come, of the 1 mm that the check allows."""
+_LESS, _LEAST_M = 0.8, 0.0005
+"""Share by which an enlargement is reduced, and that which is none."""
 OWN_M = 0.0012
 """Clearance of a hull: that of the check between parts of the robot, and what a path deviates."""
 _PARTS_M = 0.005
@@ -83,7 +86,7 @@ class SceneWriter:
         )
 
     def build(
-        self, things: Sequence[StaticBody], goals: Iterable[Positions], permission: Permission = NO_PERMISSION
+        self, things: Sequence[StaticBody], goals: Sequence[Positions], permission: Permission = NO_PERMISSION
     ) -> PlannerScene:
         """Return the scene with the robot and what is around it, without pairs that may touch by ``permission``."""
         self._permission = permission
@@ -92,8 +95,8 @@ class SceneWriter:
             self._add_joint(joint)
         for n in range(len(self._robot.bodies)):
             self._add_body(n)
-        for n, thing in enumerate(things):
-            self._add_thing(n, thing)
+        for n, (thing, near) in enumerate(zip(things, self._near_bodies(things, goals), strict=True)):
+            self._add_thing(n, thing, near)
         made = self._scene()
         self._select_pairs(made.scene)
         return made
@@ -151,7 +154,7 @@ class SceneWriter:
         mesh = None if surface is None else (surface.vertices, surface.triangles)
         self._add_link(f"b{n}", joint, placed, [(body.shape, pin.SE3.Identity())], mesh)
 
-    def _rough_bodies(self, things: Sequence[StaticBody], goals: Iterable[Positions]) -> set[int]:
+    def _rough_bodies(self, things: Sequence[StaticBody], goals: Sequence[Positions]) -> set[int]:
         """Return the bodies with a mesh whose hulls are near nothing at the start and at the goals."""
         robot, found = self._robot, {n for n, body in enumerate(self._robot.bodies) if body.surface is not None}
         for place in ({}, *goals):
@@ -184,31 +187,55 @@ class SceneWriter:
 
     # -- what is around -----------------------------------------------------------------------------------------------
 
-    def _add_thing(self, n: int, thing: StaticBody) -> None:
-        """Add something around, larger than it is; what is nearer at the start compares with one that is less so."""
-        near = self._nearer(thing)
-        moved = [i for i in range(len(self._robot.bodies)) if self._anchors[self._robot.bodies[i].joint][0]]
+    def _add_thing(self, n: int, thing: StaticBody, near: Mapping[int, float | None]) -> None:
+        """Add something around, larger than it is; what is ``near`` compares with one of its own that is less so."""
+        moved = self._moved_bodies()
         self._add_inflated(f"o{n}", thing, CLEARANCE_M)
         self._disabled += [(f"b{i}", f"o{n}") for i in moved if i in near or self._permission.allows(i, thing)]
-        if not near:
-            return
-        if any(apart > TOUCHING_M for apart in near.values()):
-            least = min(apart for apart in near.values() if apart > TOUCHING_M)
-            self._add_inflated(f"n{n}", thing, max(least - SLACK_M, 0.0))
-            compared = {i for i, apart in near.items() if apart > TOUCHING_M}
-            self._disabled += [(f"b{i}", f"n{n}") for i in moved if i not in compared]
+        for i, by_m in near.items():
+            if by_m is not None:
+                self._add_inflated(f"n{n}x{i}", thing, by_m)
+                self._disabled += [(f"b{k}", f"n{n}x{i}") for k in moved if k != i]
 
-    def _nearer(self, thing: StaticBody) -> dict[int, float]:
-        """Return the distance at the start of each moving body that is nearer than the clearance, and may not touch."""
-        found = {}
-        for i, body in enumerate(self._robot.bodies):
-            if not self._anchors[body.joint][0] or not self._robot.anchored[i]:
-                continue
-            if not self._permission.allows(i, thing) and self._standing.gap_to(i, thing) < CLEARANCE_M:
-                apart = free_distance(self._standing.shape(i), thing.shape, CLEARANCE_M)
-                if apart < CLEARANCE_M:
-                    found[i] = apart
+    def _moved_bodies(self) -> list[int]:
+        return [i for i, body in enumerate(self._robot.bodies) if self._anchors[body.joint][0]]
+
+    def _near_bodies(self, things: Sequence[StaticBody], goals: Sequence[Positions]) -> list[dict[int, float | None]]:
+        """Return for each thing the moving bodies near it at the start or at a goal, and how much larger it may be.
+
+        What is larger by a distance has corners that are further out, and no start or goal may be in one. None is for
+        what touches at the start.
+        """
+        found: list[dict[int, float | None]] = [{} for _ in things]
+        for place in ({}, *goals):
+            self._standing.set_positions(moved_positions(self._robot, self._start, place))  # type: ignore[arg-type]  # of numbers, numbers
+            for near, thing in zip(found, things, strict=True):
+                self._note_near(near, thing)
+            self._standing.set_positions(self._start)
         return found
+
+    def _note_near(self, near: dict[int, float | None], thing: StaticBody) -> None:
+        for i in self._moved_bodies():
+            if not self._robot.anchored[i] or self._standing.gap_to(i, thing) >= _CORNER_M:
+                continue
+            if self._permission.allows(i, thing):
+                continue
+            by_m = self._most_larger(self._standing.shape(i), thing.shape)
+            known = near.get(i, CLEARANCE_M)
+            if by_m is None or known is None:
+                near[i] = None
+            elif by_m < known:
+                near[i] = by_m
+
+    def _most_larger(self, mine: Shape, its: Shape) -> float | None:
+        """Return by how much a thing may be larger without touching a body; None if it touches it as it is."""
+        apart = free_distance(mine, its, _CORNER_M)
+        if apart <= TOUCHING_M:
+            return None
+        by_m = CLEARANCE_M if apart > CLEARANCE_M + _NEAR_SLACK_M else max(apart - _NEAR_SLACK_M, 0.0)
+        while by_m > _LEAST_M and _is_in_larger(mine, its, by_m):
+            by_m *= _LESS
+        return by_m if by_m > _LEAST_M else 0.0
 
     def _add_inflated(self, name: str, thing: StaticBody, by_m: float) -> None:
         shape: Shape = thing.shape
@@ -282,6 +309,13 @@ class SceneWriter:
         if standing.gap(i, k) > 0.0:
             return False
         return distance(standing.shape(i), standing.shape(k), TOUCHING_M) <= TOUCHING_M
+
+
+def _is_in_larger(mine: Shape, its: Shape, by_m: float) -> bool:
+    """Return True if a body touches a thing that is larger by a distance; that of a surface is not looked at."""
+    solids, _ = inflated(its, by_m)
+    placed = (Shape(solid, solid, None, its.at * offset) for solid, offset in solids)
+    return any(distance(mine, each, TOUCHING_M) <= TOUCHING_M for each in placed)
 
 
 def _origin(at: pin.SE3) -> str:
