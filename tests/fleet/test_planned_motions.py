@@ -427,3 +427,20 @@ def test_constraints_need_a_path_and_a_sense(panda: Arm) -> None:
     assert inside_out.status_code == 422 and "x from 1 m to -1 m" in inside_out.json()["detail"]
     still = constrained(panda, {7: 0.0}, tip=f"{panda.root}panda_link3", upright=quantity(10, "DEG"))
     assert still.status_code == 422 and "does not move panda_link3" in still.json()["detail"]
+
+
+def test_a_robot_that_stands_in_something_is_told_what_it_is(panda: Arm) -> None:
+    put_object(panda.browser, crate("stuck", 0.31, 0.0, 0.52, size_mm=60))
+    refused = panda.post("moveJoints", panda.body(BESIDE, "Planned"), "dry-run")
+    said = refused.json()
+    assert refused.status_code == 409 and said["type"].endswith("#start-blocked"), said
+    assert said["names"][1] == "stuck (obstacle)" and "lf:mayTouch" in said["detail"]
+
+
+def test_what_is_in_the_way_of_a_path_that_was_not_found_is_named(panda: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planner, "SEARCH_S", 1e-6)
+    refused = panda.post("moveJoints", panda.body(BESIDE, "Planned"), "dry-run")
+    said = refused.json()
+    assert refused.status_code == 409 and said["type"].endswith("#no-path-found"), said
+    assert said["names"] == ["panda_link7 of panda", "crate (obstacle)"]
+    assert said["detail"].endswith("On the direct path panda_link7 of panda would meet crate (obstacle).")

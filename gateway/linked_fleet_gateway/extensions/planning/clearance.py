@@ -50,7 +50,7 @@ def hindered(
 ) -> CollisionFound | None:
     """Return what is nearest to parts that ``joints`` move, within the margin of the check at the start, if any is."""
     here, permission = MovingRobot(robot, start), Permission.of(asked, robot)
-    moved = robot.reach_m[[robot.model.getJointId(name) for name in joints]].any(axis=0)
+    moved = np.any(robot.reach_m[[robot.model.getJointId(name) for name in joints]] > 0.0, axis=0).tolist()
     least_m, nearest = MARGIN_M, None
     for body, thing in _near_things(robot, here, things):
         if permission.allows(body, thing) or not moved[body]:

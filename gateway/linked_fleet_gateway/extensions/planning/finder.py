@@ -98,8 +98,10 @@ def find(
             writer.add_tip(asked.keeps.tip, AXES[keeper.axis])
         scene = writer.build(things, goals, Permission.of(around, robot))
         answer = _Search(asked, robot, scene, ends_s).answer(goals)
-    near = hindered(around, robot, things, start, asked.bounds) if isinstance(answer, NotFound) else None
-    return answer if near is None else BlockedAt("start", near)
+    near = hindered(around, robot, things, start, asked.bounds)
+    if near is None:
+        return answer
+    return replace(answer, near=near) if isinstance(answer, PathFound) else BlockedAt("start", near)
 
 
 def _free_goals(
@@ -128,7 +130,7 @@ class _Search:
         self._corridor: Corridor | None = None
         self._tries = 0
 
-    def answer(self, goals: list[Positions]) -> PlanAnswer:
+    def answer(self, goals: list[Positions]) -> PathFound | NotFound:
         rows = sorted(map(self._row, goals), key=self._far)
         keeps = self._asked.keeps
         if keeps.shape_the_path:

@@ -116,7 +116,7 @@ class PathFound(Struct, frozen=True, tag="path"):
     """A path that the check has found free: positions of ``joints`` at times after the start.
 
     ``length`` is that of the path in the space of joints, ``direct`` that of the straight line (rad, m); ``tries`` is
-    the number of searches.
+    the number of searches. ``near`` is what is nearest to the robot at its start, if it is within the margin.
     """
 
     joints: tuple[str, ...]
@@ -126,6 +126,7 @@ class PathFound(Struct, frozen=True, tag="path"):
     direct: float
     tries: int
     least: LeastManipulability | None = None
+    near: CollisionFound | None = None
 
 
 class BlockedAt(Struct, frozen=True, tag="blocked"):

@@ -63,6 +63,8 @@ MOST_S = 3600
 _MOST_PATHS = 4
 """Paths of one motion that the check of motions judges."""
 _SEEDS = 1_000
+_AT_START = 0.05
+"""Share of a path that is its start."""
 _MOST_GOALS, _OTHER = 12, 0.1
 """Searches for other positions that reach a pose, and how far (rad, m) one joint of these is from the known ones."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -73,6 +75,13 @@ class Search(NamedTuple):
 
     seed: int
     within_s: float
+
+
+class Planned(NamedTuple):
+    """A motion on a path that was found, and its refusal if the check refuses it for what is near its start."""
+
+    motion: Motion
+    stuck: MotionRefused | None
 
 
 class PlannerProcess(Checker):
@@ -146,7 +155,7 @@ class Planner(MotionPlanner):
         elif refused.after_s is not None and refused.after_s <= MOST_WAIT_S:
             refused.advise("With lf:path lf:Planned the motion waits for that.", {"path": LF.Planned.value})
 
-    async def plan(self, motion: Motion, caller: Caller, own_id: str, search: "Search") -> Motion:
+    async def plan(self, motion: Motion, caller: Caller, own_id: str, search: "Search") -> "Planned":
         """Return the motion on a path that was found. Raises MotionRefused, Conflict, Busy."""
         if self._waiting.total() >= MOST_WAITING or self._waiting[caller.name] >= MOST_OF_ONE:
             raise Busy("Too many motions are being planned; ask again.")
@@ -155,7 +164,9 @@ class Planner(MotionPlanner):
             answer, asked = await self._ask(motion, caller, own_id, search)
         finally:
             self._waiting -= Counter([caller.name])
-        return self._on_path(motion, answer, asked)
+        near = answer.near if isinstance(answer, PathFound) else None
+        stuck = None if near is None else self._refusal(motion.robot, BlockedAt("start", near), asked)
+        return Planned(self._on_path(motion, answer, asked), stuck)
 
     async def _ask(
         self, motion: Motion, caller: Caller, own_id: str, search: "Search"
@@ -248,8 +259,9 @@ class Planner(MotionPlanner):
             what = met.names[1] if len(met.names) > 1 else "another robot"
             if answer.place == "start":
                 return StartBlocked(
-                    f"No path of {robot.name} was found from where it stands: {answer.by.link} is nearer than 1 cm to "
-                    f"{what} there. Move away from it first, or name it by lf:mayTouch if it is to be touched.",
+                    f"No path of {robot.name} was found from where it stands: {answer.by.link} touches {what} there, "
+                    "or is nearer than 1 cm. Move one of them away first, or name it by lf:mayTouch if a hand may touch "
+                    "it.",
                     reason="something is where it would begin",
                     met=met,
                 )
@@ -271,6 +283,7 @@ class PlannedPaths(Paths):
         self._planner, self._motion, self._caller, self._own_id = planner, motion, caller, own_id
         self._given, self._because = 0, ""
         self._met: Collides | None = None
+        self._stuck: MotionRefused | None = None
         self._waits = planner.waits(motion, own_id)
         self._left_s = min(max(caller.patience_s or 0.0, SEARCH_S), MOST_SEARCH_S)
         self.most_s = self._left_s + EARLY_S + _MOST_PATHS * _ANSWER_S
@@ -292,8 +305,10 @@ class PlannedPaths(Paths):
             if not constrained:
                 self._waits.note(refused)
                 self._met = refused if isinstance(refused, Collides) else None
-        found = await self._searched(1 if straight else _MOST_PATHS)
-        return found or self._waits.next(self._because)
+        found = await self._searched(1 if straight else _MOST_PATHS) or self._waits.next(self._because)
+        if found is None and self._stuck is not None and _is_of_start(refused):
+            raise self._stuck
+        return found
 
     async def _searched(self, most: int) -> Motion | None:
         """Return the motion on another path that is found; a single joint has none but the direct one."""
@@ -310,7 +325,8 @@ class PlannedPaths(Paths):
             self._left_s = 0.0
             return None
         self._left_s -= asyncio.get_running_loop().time() - began_s
-        return replace(planned, detour=self._because)
+        self._stuck = planned.stuck
+        return replace(planned.motion, detour=self._because)
 
     def _explained(self, refused: MotionRefused) -> MotionRefused:
         """Say what is in the way of the direct path if no other one was found."""
@@ -328,6 +344,11 @@ class PlannedPaths(Paths):
 def _is_other_refusal(refused: MotionRefused | None) -> bool:
     """Return True if another path would be refused as well."""
     return refused is not None and not isinstance(refused, Collides)
+
+
+def _is_of_start(refused: MotionRefused | None) -> bool:
+    """Return True if a path was refused for what the robot meets where it begins."""
+    return isinstance(refused, Collides) and refused.share is not None and refused.share < _AT_START
 
 
 def other_goals(motion: Motion, asked: FindPath) -> tuple[Positions, ...]:
