@@ -111,6 +111,9 @@ def test_a_single_joint_is_offered_no_way_round(panda: Arm) -> None:
     panda.go(BESIDE, "Planned")
     refused = panda.post("moveJoints", panda.body({1: 0.0}), "dry-run")
     assert refused.status_code == 409 and "retryWith" not in refused.json(), refused.text
+    alone = panda.post("moveJoints", panda.body({1: 0.0}, "Planned"), "dry-run")
+    assert alone.json()["type"].endswith("#no-path-found") and "Name further joints" in alone.json()["detail"]
+    assert panda.post("moveJoints", panda.body(BESIDE | {1: 0.0}, "Planned"), "dry-run").status_code == 200
 
 
 def test_a_rehearsal_shows_the_path(panda: Arm) -> None:

@@ -161,7 +161,8 @@ class _Search:
         best: _Candidate | None = None
         began_s = first_s = time.monotonic()
         ends_s = self._ends_s
-        while time.monotonic() < ends_s and self._tries < _MOST_TRIES:
+        most = len(goals) if len(self._joints) == 1 else _MOST_TRIES
+        while time.monotonic() < ends_s and self._tries < most:
             found = self._candidate(goals[self._tries % len(goals)])
             if found is None:
                 continue
@@ -193,12 +194,12 @@ class _Search:
     def _path(self, goal: Array) -> JointPath | None:
         """Return a path that the scene finds free, shortened; None if none was found in time."""
         self._tries += 1
-        if self._tries == 1 and self._is_free(self._start, goal):
+        if (self._tries == 1 or len(self._joints) == 1) and self._is_free(self._start, goal):
             straight = JointPath()
             straight.joint_names, straight.positions = self._names, [self._start, goal]
             return straight
         left_s = self._ends_s - time.monotonic()
-        if left_s <= 0.0:
+        if left_s <= 0.0 or len(self._joints) == 1:  # one joint has no other path
             return None
         seed = self._asked.seed + self._tries
         rrt = RRT(self._scene, self._options(left_s * (_FIRST_SHARE if self._tries == 1 else 1.0)))

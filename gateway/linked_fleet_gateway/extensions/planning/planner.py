@@ -260,13 +260,20 @@ class Planner(MotionPlanner):
             if answer.place == "start":
                 return StartBlocked(
                     f"No path of {robot.name} was found from where it stands: {answer.by.link} touches {what} there, "
-                    "or is nearer than 1 cm. Move one of them away first, or name it by lf:mayTouch if a hand may touch "
-                    "it.",
+                    "or is nearer than 1 cm. Move one of them away first, or name it by lf:mayTouch if a hand may "
+                    "touch it.",
                     reason="something is where it would begin",
                     met=met,
                 )
             detail = f"The goal is blocked: {answer.by.link} of {robot.name} would meet {what} there."
             return GoalBlocked(detail, reason="something is where it would end", met=met)
+        if len(asked.bounds) == 1:
+            (alone,) = asked.bounds
+            detail = (
+                f"{alone} of {robot.name} alone has no way round what is in the way. Name further joints that may move "
+                "too: with the values at which they stand, they end there."
+            )
+            return NoPathFound(detail, reason="one joint alone has no way round")
         within_s = asked.within_s if isinstance(asked, FindPath) else SEARCH_S
         keeping = " that keeps to its constraints" if asked.keeps.shape_the_path else ""
         detail = (
