@@ -17,6 +17,8 @@ from linked_fleet_gateway.extensions.world.questions import waypoint_velocities
 from linked_fleet_gateway.extensions.world.surfaces import Array
 
 STEP_S, FINE_STEP_S = 0.03, 0.01
+SMOOTHING_S = 0.06
+"""Positions are averaged over this time, so that a joint takes at least half of it to its full acceleration."""
 MOST_WAYPOINTS, MOST_POSITIONS = 1_000, 16_384
 """The most that one command of an agent may have."""
 _ROUNDINGS = (0.3, 0.1)
@@ -65,7 +67,7 @@ def fastest(
     for curve in sorted(curves, key=lambda each: each.duration_s or math.inf):
         if best is not None and best.duration_s <= (curve.duration_s or math.inf):
             break
-        timed = _within(curve.timed(STEP_S), speeds)
+        timed = _within(_smoothed(curve.timed(FINE_STEP_S), STEP_S, SMOOTHING_S), speeds)
         if (best is None or timed.duration_s < best.duration_s) and accepts(timed):
             best = timed
     return best
@@ -86,7 +88,9 @@ def smooth(scene: Scene, path: JointPath, speeds: Array) -> Timed | None:
     if len(path.positions) == 1:
         return None
     curve = _Curve(scene, path, SplineFittingMode.Cubic)
-    return None if curve.duration_s is None else _within(curve.timed(FINE_STEP_S), speeds)
+    if curve.duration_s is None:
+        return None
+    return _within(_smoothed(curve.timed(FINE_STEP_S), FINE_STEP_S, SMOOTHING_S), speeds)
 
 
 class _Curve:
@@ -114,6 +118,36 @@ class _Curve:
         """Return the motion, if there is one."""
         found = self._motion(step_s)
         return _thinned(found.times, np.array(found.positions))
+
+
+def _smoothed(timed: Timed, step_s: float, over_s: float) -> Timed:
+    """Return the motion with positions averaged over a time, by which it ends later, at steps.
+
+    No speed and no acceleration is larger than before. An acceleration a changes by 2 a in this time at most, and a
+    position by a / 24 times its square.
+    """
+    times, rows = timed.times_s, timed.positions
+    ends_s = timed.duration_s + over_s
+    whole = np.concatenate(
+        [np.zeros((1, rows.shape[1])), np.cumsum(np.diff(times)[:, None] * (rows[1:] + rows[:-1]) / 2, axis=0)]
+    )
+
+    def until(at_s: Array) -> Array:
+        """Return the integral of the positions, from the start; before and after the motion they stay."""
+        inside = np.clip(at_s, 0.0, timed.duration_s)
+        k = np.clip(np.searchsorted(times, inside, "right") - 1, 0, len(times) - 2)
+        left, share = inside - times[k], (inside - times[k]) / (times[k + 1] - times[k])
+        middle = rows[k] + (rows[k + 1] - rows[k]) * share[:, None] / 2
+        beyond: Array = (
+            np.minimum(at_s, 0.0)[:, None] * rows[0] + np.maximum(at_s - timed.duration_s, 0.0)[:, None] * rows[-1]
+        )
+        return whole[k] + left[:, None] * middle + beyond
+
+    count = max(1, round(ends_s / step_s))
+    at_s = np.linspace(0.0, ends_s, count + 1)
+    found = (until(at_s) - until(at_s - over_s)) / over_s
+    found[0], found[-1] = rows[0], rows[-1]
+    return _thinned(at_s.tolist(), found)
 
 
 def _thinned(times_s: Sequence[float], positions: Array) -> Timed:
