@@ -45,6 +45,8 @@ _LESS, _LEAST_M = 0.8, 0.0005
 """Share by which an enlargement is reduced, and that which is none."""
 OWN_M = 0.0012
 """Clearance of a hull: that of the check between parts of the robot, and what a path deviates."""
+_CORNERS = 2.0
+"""More than corners of a mesh are further out that is larger, by this times the distance."""
 _PARTS_M = 0.005
 """Parts whose hulls are nearer at the start or at a goal are compared by their meshes."""
 
@@ -68,6 +70,7 @@ class SceneWriter:
         self._anchors = self._anchors_of_joints()
         self._meshes = 0
         self._disabled: list[tuple[str, str]] = []
+        self._links: list[str] = []
 
     def build_bare(self) -> PlannerScene:
         """Return a scene without any shape, for the timing of a path."""
@@ -97,8 +100,11 @@ class SceneWriter:
             self._add_body(n)
         for n, (thing, near) in enumerate(zip(things, self._near_bodies(things, goals), strict=True)):
             self._add_thing(n, thing, near)
+        larger = self._larger_pairs(goals)
+        for n in sorted({i for i, _ in larger}):
+            self._add_larger(n)
         made = self._scene()
-        self._select_pairs(made.scene)
+        self._select_pairs(made.scene, larger)
         return made
 
     def _scene(self) -> PlannerScene:
@@ -153,6 +159,38 @@ class SceneWriter:
         surface = body.surface
         mesh = None if surface is None else (surface.vertices, surface.triangles)
         self._add_link(f"b{n}", joint, placed, [(body.shape, pin.SE3.Identity())], mesh)
+
+    def _add_larger(self, n: int) -> None:
+        """Add a copy of a mesh that is larger by the clearance between parts of the robot."""
+        body = self._robot.bodies[n]
+        assert body.surface is not None
+        joint, at = self._anchors[body.joint]
+        solid = Shape(body.surface.exact_shape(), None, None, pin.SE3.Identity())
+        self._add_link(f"e{n}", joint, at * self._robot.geometry.geometryObjects[n].placement, *inflated(solid, OWN_M))
+
+    def _larger_pairs(self, goals: Sequence[Positions]) -> set[tuple[int, int]]:
+        """Return the pairs of parts without enlarged hulls, of which the first is to be larger: it is a mesh.
+
+        At the start and at the goals they are further apart than that.
+        """
+        robot, found = self._robot, set[tuple[int, int]]()
+        for pair in robot.pairs:
+            if not set(pair) & self._rough and all(robot.anchored[i] for i in pair) and self._move_apart(*pair):
+                meshes = [i for i in pair if robot.bodies[i].surface is not None]
+                found |= {(meshes[0], sum(pair) - meshes[0])} if meshes else set()
+        for place in ({}, *goals):
+            self._standing.set_positions(moved_positions(robot, self._start, place))  # type: ignore[arg-type]  # of numbers, numbers
+            found = {each for each in found if self._apart(*each) > _CORNERS * OWN_M}
+            self._standing.set_positions(self._start)
+        return found
+
+    def _move_apart(self, i: int, k: int) -> bool:
+        return self._anchors[self._robot.bodies[i].joint][0] != self._anchors[self._robot.bodies[k].joint][0]
+
+    def _apart(self, i: int, k: int) -> float:
+        """Return a lower bound of the distance of two parts, exact where they are near."""
+        far_m = self._standing.gap(i, k)
+        return far_m if far_m > _CORNER_M else distance(self._standing.shape(i), self._standing.shape(k), _CORNER_M)
 
     def _rough_bodies(self, things: Sequence[StaticBody], goals: Sequence[Positions]) -> set[int]:
         """Return the bodies with a mesh whose hulls are near nothing at the start and at the goals."""
@@ -263,6 +301,7 @@ class SceneWriter:
             for k, (text, offset) in enumerate(parts)
         )
         checking = f"<collision_checking>{''.join(convex)}</collision_checking>" if convex else ""
+        self._links.append(name)
         self._parts.append(
             f'<link name="{name}">{collisions}{checking}</link><joint name="f{name}" type="fixed">'
             f'<parent link="l{joint}"/><child link="{name}"/></joint>'
@@ -296,13 +335,18 @@ class SceneWriter:
         file.write_text("".join(lines))
         return file
 
-    def _select_pairs(self, scene: Scene) -> None:
+    def _select_pairs(self, scene: Scene, larger: set[tuple[int, int]]) -> None:
         """Compare the pairs of the robot that the collision check compares, without those that touch at the start."""
         robot, kept = self._robot, set(self._robot.pairs)
         shown = {i: self._anchors[body.joint][0] for i, body in enumerate(robot.bodies) if robot.anchored[i]}
         apart = [(i, k) for i, k in combinations(shown, 2) if shown[i] != shown[k]]
         off = [(i, k) for i, k in apart if not {(i, k), (k, i)} & kept or self._touch(i, k)]
-        scene.setCollisions([*((f"b{i}", f"b{k}") for i, k in off), *self._disabled], False)
+        names = [f"b{i}" for i in shown], [f"e{i}" for i in sorted({i for i, _ in larger})]
+        around = [name for name in self._links if name[0] in "on"]
+        copies = [(e, name) for e in names[1] for name in (*names[0], *around)] + list(combinations(names[1], 2))
+        copied = {(f"e{i}", f"b{k}") for i, k in larger}
+        pairs = [*((f"b{i}", f"b{k}") for i, k in [*off, *larger]), *(each for each in copies if each not in copied)]
+        scene.setCollisions([*pairs, *self._disabled], False)
 
     def _touch(self, i: int, k: int) -> bool:
         standing = self._standing
