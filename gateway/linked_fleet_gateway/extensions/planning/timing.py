@@ -126,28 +126,25 @@ def _smoothed(timed: Timed, step_s: float, over_s: float) -> Timed:
     No speed and no acceleration is larger than before. An acceleration a changes by 2 a in this time at most, and a
     position by a / 24 times its square.
     """
-    times, rows = timed.times_s, timed.positions
     ends_s = timed.duration_s + over_s
-    whole = np.concatenate(
-        [np.zeros((1, rows.shape[1])), np.cumsum(np.diff(times)[:, None] * (rows[1:] + rows[:-1]) / 2, axis=0)]
-    )
-
-    def until(at_s: Array) -> Array:
-        """Return the integral of the positions, from the start; before and after the motion they stay."""
-        inside = np.clip(at_s, 0.0, timed.duration_s)
-        k = np.clip(np.searchsorted(times, inside, "right") - 1, 0, len(times) - 2)
-        left, share = inside - times[k], (inside - times[k]) / (times[k + 1] - times[k])
-        middle = rows[k] + (rows[k + 1] - rows[k]) * share[:, None] / 2
-        beyond: Array = (
-            np.minimum(at_s, 0.0)[:, None] * rows[0] + np.maximum(at_s - timed.duration_s, 0.0)[:, None] * rows[-1]
-        )
-        return whole[k] + left[:, None] * middle + beyond
-
-    count = max(1, round(ends_s / step_s))
-    at_s = np.linspace(0.0, ends_s, count + 1)
-    found = (until(at_s) - until(at_s - over_s)) / over_s
-    found[0], found[-1] = rows[0], rows[-1]
+    at_s = np.linspace(0.0, ends_s, max(1, round(ends_s / step_s)) + 1)
+    found = (_integral(timed, at_s) - _integral(timed, at_s - over_s)) / over_s
+    found[0], found[-1] = timed.positions[0], timed.positions[-1]
     return _thinned(at_s.tolist(), found)
+
+
+def _integral(timed: Timed, at_s: Array) -> Array:
+    """Return the integrals of the positions from the start of a motion, before and after which they stay."""
+    times, rows = timed.times_s, timed.positions
+    pieces = np.diff(times)[:, None] * (rows[1:] + rows[:-1]) / 2
+    whole = np.concatenate([np.zeros((1, rows.shape[1])), np.cumsum(pieces, axis=0)])
+    inside = np.clip(at_s, 0.0, timed.duration_s)
+    k = np.clip(np.searchsorted(times, inside, "right") - 1, 0, len(times) - 2)
+    since_s = inside - times[k]
+    middle = rows[k] + (rows[k + 1] - rows[k]) * (since_s / (times[k + 1] - times[k]))[:, None] / 2
+    before, after = np.minimum(at_s, 0.0), np.maximum(at_s - timed.duration_s, 0.0)
+    found: Array = whole[k] + since_s[:, None] * middle + before[:, None] * rows[0] + after[:, None] * rows[-1]
+    return found
 
 
 def _thinned(times_s: Sequence[float], positions: Array) -> Timed:
