@@ -17,6 +17,16 @@ import numpy as np
 import pinocchio as pin
 from roboplan.core import Scene, loadJointLimitsConfig, loadUrdfSceneDescriptionFromXml
 
+from linked_fleet_gateway.extensions.planning.enlarging import (
+    CLEARANCE_M,
+    CORNER_M,
+    CORNERS,
+    OWN_M,
+    PARTS_M,
+    larger_part,
+    most_larger,
+    triangles_of,
+)
 from linked_fleet_gateway.extensions.planning.inflation import Triangles, inflated
 from linked_fleet_gateway.extensions.planning.messages import JointBounds
 from linked_fleet_gateway.extensions.planning.stl import stl_of, stl_of_hull
@@ -31,24 +41,8 @@ from linked_fleet_gateway.extensions.world.surroundings import (
     Shape,
     StaticBody,
     distance,
-    free_distance,
 )
 from linked_fleet_gateway.fleet.model import JointKind
-
-CLEARANCE_M = 0.0115
-"""Clearance of paths: the margin of the collision check, and what a path may deviate between two checked places."""
-_CORNER_M = 2 * CLEARANCE_M
-"""More than a corner of something around moves when that is made larger: by up to √3 times the clearance."""
-_NEAR_SLACK_M = 0.0003
-"""How much nearer than at the start or a goal the search may come, of the 1 mm that the check allows."""
-_LESS, _LEAST_M = 0.8, 0.0005
-"""Share by which an enlargement is reduced, and that which is none."""
-OWN_M = 0.0012
-"""Clearance of a hull: that of the check between parts of the robot, and what a path deviates."""
-_CORNERS = 2.0
-"""More than corners of a mesh are further out that is larger, by this times the distance."""
-_PARTS_M = 0.005
-"""Parts whose hulls are nearer at the start or at a goal are compared by their meshes."""
 
 
 @dataclass(frozen=True)
@@ -161,26 +155,25 @@ class SceneWriter:
         self._add_link(f"b{n}", joint, placed, [(body.shape, pin.SE3.Identity())], mesh)
 
     def _add_larger(self, n: int) -> None:
-        """Add a copy of a mesh that is larger by the clearance between parts of the robot."""
+        """Add a copy of a part that is larger by the clearance between parts of the robot."""
         body = self._robot.bodies[n]
-        assert body.surface is not None
         joint, at = self._anchors[body.joint]
-        solid = Shape(body.surface.exact_shape(), None, None, pin.SE3.Identity())
-        self._add_link(f"e{n}", joint, at * self._robot.geometry.geometryObjects[n].placement, *inflated(solid, OWN_M))
+        placed = at * self._robot.geometry.geometryObjects[n].placement
+        self._add_link(f"e{n}", joint, placed, *larger_part(body))
 
     def _larger_pairs(self, goals: Sequence[Positions]) -> set[tuple[int, int]]:
-        """Return the pairs of parts without enlarged hulls, of which the first is to be larger: it is a mesh.
+        """Return the pairs of a mesh and a part without enlarged hulls, of which the first one is to be larger.
 
-        At the start and at the goals they are further apart than that.
+        At the start and at the goals they are further apart than that. What is larger is simpler.
         """
         robot, found = self._robot, set[tuple[int, int]]()
         for pair in robot.pairs:
             if not set(pair) & self._rough and all(robot.anchored[i] for i in pair) and self._move_apart(*pair):
-                meshes = [i for i in pair if robot.bodies[i].surface is not None]
-                found |= {(meshes[0], sum(pair) - meshes[0])} if meshes else set()
+                one, other = sorted(pair, key=lambda n: triangles_of(robot.bodies[n]))
+                found |= {(one, other)} if robot.bodies[other].surface is not None else set()
         for place in ({}, *goals):
             self._standing.set_positions(moved_positions(robot, self._start, place))  # type: ignore[arg-type]  # of numbers, numbers
-            found = {each for each in found if self._apart(*each) > _CORNERS * OWN_M}
+            found = {each for each in found if self._apart(*each) > CORNERS * OWN_M}
             self._standing.set_positions(self._start)
         return found
 
@@ -190,7 +183,7 @@ class SceneWriter:
     def _apart(self, i: int, k: int) -> float:
         """Return a lower bound of the distance of two parts, exact where they are near."""
         far_m = self._standing.gap(i, k)
-        return far_m if far_m > _CORNER_M else distance(self._standing.shape(i), self._standing.shape(k), _CORNER_M)
+        return far_m if far_m > CORNER_M else distance(self._standing.shape(i), self._standing.shape(k), CORNER_M)
 
     def _rough_bodies(self, things: Sequence[StaticBody], goals: Sequence[Positions]) -> set[int]:
         """Return the bodies with a mesh whose hulls are near nothing at the start and at the goals."""
@@ -206,8 +199,8 @@ class SceneWriter:
             body = self._robot.bodies[n]
             if not self._robot.anchored[n] or not self._anchors[body.joint][0]:
                 continue
-            hull, near = self._hull(n), (each for each in things if self._standing.gap_to(n, each) < _CORNER_M)
-            if any(distance(hull, each.shape, _CORNER_M) < _CORNER_M for each in near):
+            hull, near = self._hull(n), (each for each in things if self._standing.gap_to(n, each) < CORNER_M)
+            if any(distance(hull, each.shape, CORNER_M) < CORNER_M for each in near):
                 yield n
 
     def _hulls_near_others(self, rough: set[int]) -> Iterator[int]:
@@ -216,7 +209,7 @@ class SceneWriter:
             moved = self._anchors[bodies[i].joint][0] != self._anchors[bodies[k].joint][0]
             if not {i, k} & rough or not moved or not robot.anchored[i]:
                 continue
-            if self._standing.gap(i, k) < _PARTS_M and distance(self._hull(i), self._hull(k), _PARTS_M) < _PARTS_M:
+            if self._standing.gap(i, k) < PARTS_M and distance(self._hull(i), self._hull(k), PARTS_M) < PARTS_M:
                 yield from (i, k)
 
     def _hull(self, n: int) -> Shape:
@@ -254,26 +247,16 @@ class SceneWriter:
 
     def _note_near(self, near: dict[int, float | None], thing: StaticBody) -> None:
         for i in self._moved_bodies():
-            if not self._robot.anchored[i] or self._standing.gap_to(i, thing) >= _CORNER_M:
+            if not self._robot.anchored[i] or self._standing.gap_to(i, thing) >= CORNER_M:
                 continue
             if self._permission.allows(i, thing):
                 continue
-            by_m = self._most_larger(self._standing.shape(i), thing.shape)
+            by_m = most_larger(self._standing.shape(i), thing.shape)
             known = near.get(i, CLEARANCE_M)
             if by_m is None or known is None:
                 near[i] = None
             elif by_m < known:
                 near[i] = by_m
-
-    def _most_larger(self, mine: Shape, its: Shape) -> float | None:
-        """Return by how much a thing may be larger without touching a body; None if it touches it as it is."""
-        apart = free_distance(mine, its, _CORNER_M)
-        if apart <= TOUCHING_M:
-            return None
-        by_m = CLEARANCE_M if apart > CLEARANCE_M + _NEAR_SLACK_M else max(apart - _NEAR_SLACK_M, 0.0)
-        while by_m > _LEAST_M and _is_in_larger(mine, its, by_m):
-            by_m *= _LESS
-        return by_m if by_m > _LEAST_M else 0.0
 
     def _add_inflated(self, name: str, thing: StaticBody, by_m: float) -> None:
         shape: Shape = thing.shape
@@ -353,13 +336,6 @@ class SceneWriter:
         if standing.gap(i, k) > 0.0:
             return False
         return distance(standing.shape(i), standing.shape(k), TOUCHING_M) <= TOUCHING_M
-
-
-def _is_in_larger(mine: Shape, its: Shape, by_m: float) -> bool:
-    """Return True if a body touches a thing that is larger by a distance; that of a surface is not looked at."""
-    solids, _ = inflated(its, by_m)
-    placed = (Shape(solid, solid, None, its.at * offset) for solid, offset in solids)
-    return any(distance(mine, each, TOUCHING_M) <= TOUCHING_M for each in placed)
 
 
 def _origin(at: pin.SE3) -> str:
