@@ -21,6 +21,7 @@ from linked_fleet_agent.mesh_files import mesh_files
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder, facts_of, urdf_of
 from linked_fleet_agent.robots.contact_model import ContactModel, ContactRobot, Triangles
 from linked_fleet_agent.urdf import RobotModel, decode
+from linked_fleet_agent.urdf.joints import JointKind
 from linked_fleet_agent.urdf.poses import Pose
 from linked_fleet_agent.wire.codec import WireError, decode_state
 from linked_fleet_agent.wire.keys import Keys
@@ -120,11 +121,25 @@ def contact_robot(name: str) -> ContactRobot:
 
 
 def _hand(name: str, urdf: str) -> frozenset[str]:
-    """Return the links of grippers, which may touch what they grasp."""
-    parts = MODELS[name].parts.fingers
-    moved = [joint for part in parts for joint in part.joints]
-    tree = RobotModel.for_urdf(urdf)
-    return frozenset({*(part.link for part in parts), *(tree.joints[each].child for each in moved)})
+    """Return the links that may touch objects: of grippers, or what the last joint of an arm without one carries."""
+    parts, tree = MODELS[name].parts, RobotModel.for_urdf(urdf)
+    if parts.fingers:
+        moved = [joint for part in parts.fingers for joint in part.joints]
+        return frozenset({*(part.link for part in parts.fingers), *(tree.joints[each].child for each in moved)})
+    if parts.base is not None or parts.legs is not None:
+        return frozenset()
+    fixed = {each.child: each.parent for each in tree.joints.values() if each.kind is JointKind.FIXED}
+    ends = tree.links.keys() - {
+        _carrier(each.parent, fixed) for each in tree.joints.values() if each.child not in fixed
+    }
+    return frozenset(link for link in tree.links if _carrier(link, fixed) in ends)
+
+
+def _carrier(link: str, fixed: Mapping[str, str]) -> str:
+    """Return the link to which another one is fixed, which a joint moves."""
+    while link in fixed:
+        link = fixed[link]
+    return link
 
 
 def _surface(content: bytes, suffix: str = "stl") -> Triangles | None:
