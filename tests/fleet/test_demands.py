@@ -117,6 +117,7 @@ class Place:
             "placement": f"<> {_AT} .",
             "availability": '<> lf:inService false ; lf:reason "worn" .',
             "tags": '<> lf:tag "arms" , "hall 3" .',
+            "stopLatches": f"<> lf:latchAbout <{self.browser.root}ur5/> .",
             "notes": f"<> lf:noteText 'Mind the cable.' ; lf:noteAbout <{self.browser.root}ur5/> .",
             "poses": f'<> dcterms:title "here {next(self._numbers)}" .',
             "mode": '<> lf:value "automatic" .',
