@@ -31,6 +31,11 @@ def schema_json(schema: Schema) -> Json:
     return found
 
 
+def or_null(schema: Json) -> Json:
+    """Return the schema of a value that may be unknown."""
+    return {"oneOf": [schema, {"type": "null"}]}
+
+
 def property_item(
     part: "ComponentPart", name: str, segment: str, compiled: CompiledProperty, put: Offer | None, base: str
 ) -> Property:
@@ -76,7 +81,7 @@ def property_item(
 
 
 def _form(schema: Json, unit: str) -> DeclaredForm:
-    members: Json = {"value": {"oneOf": [schema, {"type": "null"}]}, "resultTime": {"oneOf": [_TIME, {"type": "null"}]}}
+    members: Json = {"value": or_null(schema), "resultTime": or_null(_TIME)}
     if unit:
         members["unit"] = {"type": "string", "const": unit}
     return DeclaredForm(declared={"type": "object", "properties": members, "required": list(members)})
@@ -118,7 +123,7 @@ def event_item(part: "ComponentPart", name: str, segment: str, compiled: Compile
     def write() -> bytes:
         return msgspec.json.encode({"occurrences": 0, "resultTime": None} | event_members(declared, happened()))
 
-    members = event_schemas(declared) | {"resultTime": {"oneOf": [_TIME, {"type": "null"}]}}
+    members = event_schemas(declared) | {"resultTime": or_null(_TIME)}
     return Property(
         segment,
         NamedNode(compiled.term),

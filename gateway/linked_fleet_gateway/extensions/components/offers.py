@@ -9,13 +9,23 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Action, StreamLimits
 from linked_fleet_agent.wire.keys import escape
+from linked_fleet_agent.wire.messages import StreamCounts
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.components.declarations import Input
 from linked_fleet_gateway.extensions.components.items import schema_json
 from linked_fleet_gateway.extensions.components.shapes import ShapeWriter
 from linked_fleet_gateway.extensions.components.terms import LF
-from linked_fleet_gateway.faces import ActionDefinition, Body, DeclaredForm, Form, Offer, Right, action_definitions
+from linked_fleet_gateway.faces import (
+    ActionDefinition,
+    Body,
+    DeclaredForm,
+    Form,
+    Json,
+    Offer,
+    Right,
+    action_definitions,
+)
 from linked_fleet_gateway.rdf.graph import SECOND, Graph, Node
 from linked_fleet_gateway.rdf.validation import find_root, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, METHODS
@@ -31,6 +41,16 @@ else:
 
 _RESET = LF.extended("ResetProtectiveStop").ResetProtectiveStop
 """The kind of action that lets a robot move again after a protective stop."""
+
+
+_SAMPLES: Json = {
+    "type": "object",
+    "description": "What became of the samples of a stream.",
+    "properties": {
+        each.name: {"type": "boolean"} if each.type is bool else {"type": "integer", "minimum": 0}
+        for each in msgspec.structs.fields(StreamCounts)
+    },
+}
 
 
 class InputBody(Body):
@@ -76,6 +96,15 @@ class ComponentOffer(Offer):
     @property
     def declared(self) -> Action | None:
         return self.part.declared.actions.get(self.of_action)
+
+    @property
+    def outcome_members(self) -> Mapping[str, Json]:
+        declared = self.declared
+        if declared is None:
+            return {}
+        stated = {"feedback": declared.feedback, "output": declared.result}
+        found = {name: schema_json(each) for name, each in stated.items() if each is not None}
+        return found if declared.stream is None else found | {"samples": _SAMPLES}
 
     @property
     def stream_protocol(self) -> str:

@@ -17,6 +17,7 @@ from linked_fleet_gateway.extensions.components.items import (
     event_item,
     event_members,
     event_schemas,
+    or_null,
     property_item,
     schema_json,
 )
@@ -174,6 +175,11 @@ class ComponentPart:
         return msgspec.json.encode(
             {name: self.state.value(name) if current else None for name in self.declared.properties}
         )
+
+    @property
+    def json_schema(self) -> Json:
+        values = {name: or_null(schema_json(each.schema)) for name, each in self.declared.properties.items()}
+        return _object(values) | {"required": list(values)}
 
     def streams(self) -> Mapping[str, tuple[Json, Callable[[], bytes]]]:
         """Return its values together, and each of its events, by path."""
