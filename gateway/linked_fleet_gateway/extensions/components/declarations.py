@@ -57,7 +57,7 @@ class Input:
         graph = Graph()
         self.describe_shape(graph, _SHAPE)
         vocabulary = self.place.term.value.partition("#")[0] + "#"
-        return ShaclValidator(graph.triples, _SHAPE, {"robot": vocabulary, **PREFIXES})
+        return ShaclValidator(graph.statements.keys(), _SHAPE, {"robot": vocabulary, **PREFIXES})
 
     def describe(self, graph: Graph, node: Node, value: Any) -> None:
         """Add a JSON value as a client would state it about ``node``."""
