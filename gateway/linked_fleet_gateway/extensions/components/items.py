@@ -1,12 +1,13 @@
 """Properties and events of components as properties of a part."""
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.declaration import Event
 from linked_fleet_agent.wire.schema import Schema
+from linked_fleet_gateway.extensions.components.component import DeclaredComponent
 from linked_fleet_gateway.extensions.components.declarations import CompiledEvent, CompiledProperty
 from linked_fleet_gateway.extensions.components.shapes import SH
 from linked_fleet_gateway.extensions.components.state import Happened
@@ -17,9 +18,6 @@ from linked_fleet_gateway.faces import DeclaredForm, Json, Measurement, Offer, P
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph, integer, moment, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, SOSA, XSD
-
-if TYPE_CHECKING:
-    from linked_fleet_gateway.extensions.components.part import ComponentPart
 
 _TIME: Json = {"type": "string", "format": "date-time"}
 _UNKNOWN = Observation((float("nan"),), None)
@@ -37,7 +35,7 @@ def or_null(schema: Json) -> Json:
 
 
 def property_item(
-    part: "ComponentPart", name: str, segment: str, compiled: CompiledProperty, put: Offer | None, base: str
+    part: DeclaredComponent, name: str, segment: str, compiled: CompiledProperty, put: Offer | None, base: str
 ) -> Property:
     """Return a property of a component. The value of one that is a number is an observation."""
     schema, iri = compiled.declared.schema, f"{base}{part.path}/{segment}"
@@ -87,7 +85,7 @@ def _form(schema: Json, unit: str) -> DeclaredForm:
     return DeclaredForm(declared={"type": "object", "properties": members, "required": list(members)})
 
 
-def _json(part: "ComponentPart", name: str, unit: str) -> bytes:
+def _json(part: DeclaredComponent, name: str, unit: str) -> bytes:
     known = part.is_current
     wall_ns = part.state.times_ns.get(name) if known else None
     said: Json = {
@@ -105,7 +103,7 @@ def _describe_shapes(graph: Graph, compiled: CompiledProperty, iri: str, writabl
         compiled.input.describe_shape(graph, NamedNode(f"{iri}/blueprint#input"))
 
 
-def event_item(part: "ComponentPart", name: str, segment: str, compiled: CompiledEvent, base: str) -> Property:
+def event_item(part: DeclaredComponent, name: str, segment: str, compiled: CompiledEvent, base: str) -> Property:
     """Return an event of a component: its last occurrence, and their number. Each one is a change."""
     declared, iri = compiled.declared, f"{base}{part.path}/{segment}"
 

@@ -1,8 +1,8 @@
 """The actions of components, and the setting of their properties, as actions of a part."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
@@ -11,7 +11,7 @@ from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Action, StreamLi
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.messages import StreamCounts
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_gateway.extensions.components.component import DeclaredComponent
 from linked_fleet_gateway.extensions.components.declarations import Input
 from linked_fleet_gateway.extensions.components.items import schema_json
 from linked_fleet_gateway.extensions.components.shapes import ShapeWriter
@@ -30,15 +30,6 @@ from linked_fleet_gateway.rdf.graph import SECOND, Graph, Node
 from linked_fleet_gateway.rdf.validation import find_root, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, METHODS
 
-if TYPE_CHECKING:
-    from linked_fleet_gateway.api import ActionRequest, DeferredPlan, Motion
-    from linked_fleet_gateway.extensions.components import plans
-    from linked_fleet_gateway.extensions.components.part import ComponentPart
-else:
-    # Processes that only describe components load neither HTTP nor Zenoh.
-    plans = LazyModule("linked_fleet_gateway.extensions.components.plans")
-
-
 _RESET = LF.extended("ResetProtectiveStop").ResetProtectiveStop
 """The kind of action that lets a robot move again after a protective stop."""
 
@@ -53,6 +44,10 @@ _SAMPLES: Json = {
 }
 
 
+Handle = Callable[["ComponentOffer", Any], Any]
+"""Returns the plan of an action for a request to it."""
+
+
 class InputBody(Body):
     """A validated body, with its JSON value."""
 
@@ -65,7 +60,7 @@ class InputBody(Body):
 class ComponentOffer(Offer):
     """An action of a component, or the setting of a property."""
 
-    part: "ComponentPart" = field(kw_only=True)
+    part: DeclaredComponent = field(kw_only=True)
     of_action: str = ""
     of_property: str = ""
 
@@ -218,27 +213,31 @@ def segment_of(name: str) -> str:
     return escape(name, {each.segment for each in action_definitions() if each.is_stop} | {"cancel"})
 
 
-def offers_of(part: "ComponentPart") -> Mapping[str, Offer]:
-    """Return the actions of a component by segment; a property that can be set has one of its own name."""
+def offers_of(part: DeclaredComponent, handle: Handle | None = None) -> Mapping[str, Offer]:
+    """Return the actions of a component by segment; a property that can be set has one of its own name.
+
+    ``handle`` plans them; it is missing in processes that only describe components.
+    """
     declared = part.declared
     found = dict[str, Offer]()
     for name, action in declared.actions.items():
         kind = NamedNode(action.semantic_type) if action.semantic_type else LF.ComponentAction
         takes = action.input is not None
         found[segment_of(name)] = _offer(
-            part, kind, name, action.title or name, action.description, takes, of_action=name
+            part, handle, kind, name, action.title or name, action.description, takes, of_action=name
         )
     for name, each in declared.properties.items():
         if each.writable:
             title = f"Set {each.schema.title or name}"
             found[segment_of(name)] = _offer(
-                part, LF.ComponentAction, name, title, each.schema.description, True, of_property=name
+                part, handle, LF.ComponentAction, name, title, each.schema.description, True, of_property=name
             )
     return found
 
 
 def _offer(
-    part: "ComponentPart",
+    part: DeclaredComponent,
+    handle: Handle | None,
     kind: NamedNode,
     name: str,
     title: str,
@@ -261,11 +260,8 @@ def _offer(
         produces=LF.InvocationShape,
     )
     offer: ComponentOffer
-
-    def handle(request: "ActionRequest") -> "Motion | DeferredPlan":
-        return plans.plan(offer, request)
-
+    handler = None if handle is None else lambda request: handle(offer, request)
     offer = ComponentOffer(
-        definition, part.path, part.robot, handler=handle, part=part, of_action=of_action, of_property=of_property
+        definition, part.path, part.robot, handler=handler, part=part, of_action=of_action, of_property=of_property
     )
     return offer
