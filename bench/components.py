@@ -168,7 +168,7 @@ def _compiling() -> list[Row]:
     """Return the rows of the shape of an input of as many numbers as one may have: processor of a thread."""
     what = f"the shape of an input of {MAX_MEMBERS} numbers"
     alike = dict.fromkeys(_MEMBERS, Schema(type="number", unit="M", minimum=0, maximum=0.1))
-    differ = {each: Schema(type="number", unit="N", minimum=at / 8, maximum=at + 0.3) for at, each in _MEMBERS.items()}
+    differ = {each: Schema(type="number", unit="N", minimum=at / 8, maximum=at + 0.3) for each, at in _MEMBERS.items()}
     units = {each: replace(schema, unit="M") for each, schema in differ.items()}
     return [
         bounded(f"{what} with the same limits, in several units", "ms", _compiled_ms(alike), MOST_COMPILING_MS),
