@@ -29,11 +29,15 @@ from linked_fleet_gateway.faces import (
 from linked_fleet_gateway.rdf.graph import SECOND, Graph, Node
 from linked_fleet_gateway.rdf.validation import find_root, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, METHODS
+from linked_fleet_rdf.json_input import ParseError, load_json
 
 _RESET = LF.extended("ResetProtectiveStop").ResetProtectiveStop
 """The kind of action that lets a robot move again after a protective stop."""
 
 
+_MAX_DEPTH = 16
+"""More than any schema has, whose depth is 4: what is nested less is refused by the shape, which says where."""
+_VALUES = 2  # JSON values for each permitted triple
 _SAMPLES: Json = {
     "type": "object",
     "description": "What became of the samples of a stream.",
@@ -159,17 +163,12 @@ class ComponentOffer(Offer):
             said = {"type": "object", **said}
 
         def read(body: bytes, iri: str, most: int) -> list[Triple]:
-            return self._triples(body, base)
+            return self._triples(body, base, most)
 
         return DeclaredForm(declared=said, read=read)
 
-    def _triples(self, body: bytes, base: str) -> list[Triple]:
-        if len(body) > MAX_INPUT_BYTES:
-            raise PayloadTooLarge(f"The input has {len(body)} bytes; at most {MAX_INPUT_BYTES} are taken.")
-        try:
-            given = msgspec.json.decode(body)
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-            raise BadRequest(f"The body is no JSON: {error}") from error
+    def _triples(self, body: bytes, base: str, most: int) -> list[Triple]:
+        given = read_json(body, most)
         if not isinstance(given, dict):
             raise UnprocessableContent("The body is a JSON object.", constraint=base + self.path)
         graph, root, taken = Graph(), BlankNode("root"), self.input(base)
@@ -197,6 +196,18 @@ class ComponentOffer(Offer):
             )
         refuse_statements(taken.unused(triples, focus), iri)
         return InputBody(triples, focus, value)
+
+
+def read_json(body: bytes, most: int) -> Any:
+    """Return the JSON of an input, for ``most`` triples. Raises BadRequest and PayloadTooLarge."""
+    if len(body) > MAX_INPUT_BYTES:
+        raise PayloadTooLarge(f"The input has {len(body)} bytes; at most {MAX_INPUT_BYTES} are taken.")
+    try:
+        return load_json(body.decode("utf-8-sig"), _MAX_DEPTH, _VALUES * most)
+    except ParseError as error:
+        raise BadRequest(f"The body is no JSON: {error}", line=error.line, column=error.column) from error
+    except UnicodeDecodeError as error:
+        raise BadRequest("The body is no JSON: not UTF-8") from error
 
 
 def _describe_stream(graph: Graph, iri: NamedNode, protocol: str, stream: StreamLimits | None) -> None:

@@ -42,6 +42,8 @@ _RESERVED = ("actions", "blueprint", "linkset", "subscriptions")
 _EVENT_MARK = "~event"
 _BATTERY, _GRIPPER = LF.extended("Battery").Battery.value, LF.extended("Gripper").Gripper.value
 _JSON = RDF.extended("JSON").JSON
+_MOST_VALUES = 1_000
+"""Values of a feedback or result that are described as RDF; one with more is there as one literal, in JSON."""
 _COUNTS = ("applied", "late", "reordered", "future", "invalid")
 
 
@@ -195,7 +197,8 @@ class ComponentPart(DeclaredComponent):
             graph.add(iri, predicate, node)
             action = self.compiled(base).actions.get(self._action_of(invocation))
             place = getattr(action, said, None)
-            if place is None:  # the robot declares something else by now
+            # Without a place, the robot declares something else by now.
+            if place is None or _is_long(value):
                 graph.add(node, LF.value, Literal(msgspec.json.encode(value).decode(), datatype=_JSON))
             elif isinstance(value, Mapping):
                 add_members(graph, place, value, node)
@@ -214,6 +217,17 @@ class ComponentPart(DeclaredComponent):
     def _action_of(self, invocation: Invocation) -> str:
         offer = self.offers.get(invocation.action.rpartition("/")[2])
         return offer.of_action if isinstance(offer, ComponentOffer) else ""
+
+
+def _is_long(value: Any) -> bool:
+    """Return True for what takes long to be described as RDF, each time that it is read."""
+    pending, count = [value], 0
+    while pending and count <= _MOST_VALUES:
+        each = pending.pop()
+        inner = list(each.values()) if isinstance(each, Mapping) else each if isinstance(each, list) else []
+        count += len(inner)
+        pending += inner
+    return count > _MOST_VALUES
 
 
 def _object(members: Json) -> Json:
