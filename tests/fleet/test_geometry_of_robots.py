@@ -72,6 +72,34 @@ def test_the_model_is_linked_and_says_what_its_meshes_are(place: tuple[Place, Pr
         assert str(mesh) == f"{ur5.url}meshes/{digest}.{suffix}"
 
 
+def test_the_simplified_model_has_the_same_shapes_with_fewer_triangles(
+    place: tuple[Place, Process, Browser], ur5: Page
+) -> None:
+    browser = place[2]
+    model = _model(browser, ur5)
+    simplified = browser.page(str(model.one(LF.simplified)))
+    assert simplified.types >= {LF.SimplifiedModel}
+    assert simplified.one(rdflib.RDFS.seeAlso) == model.iri
+    (blueprint,) = [
+        str(b) for b in simplified.graph.objects(simplified.iri, HYBRIT.blueprint) if str(b).startswith(browser.root)
+    ]
+    conforms, _, text = pyshacl.validate(simplified.graph, shacl_graph=browser.page(blueprint).graph, inference="none")
+    assert conforms, text
+    whole, few = _addresses(browser, model), _addresses(browser, simplified)
+    assert len(whole) == len(few) == 14
+    total = 0
+    for address in set(few):
+        plain = {"accept-encoding": "identity"}
+        answer = browser.http.get(address, headers=plain)
+        assert answer.status_code == 200
+        assert answer.headers["content-type"] == "model/gltf-binary"
+        total += len(answer.content)
+        again = browser.http.get(address, headers=plain | {"if-none-match": answer.headers["etag"]})
+        assert again.status_code == 304
+        assert browser.http.get(address, headers=XML).status_code == 406
+    assert total < 1_500_000  # of 9 MB
+
+
 def test_the_model_conforms_to_its_blueprint_and_not_with_less(
     place: tuple[Place, Process, Browser], ur5: Page
 ) -> None:

@@ -12,7 +12,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode
 from linked_fleet_gateway.api import Property
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.history.span import Span, lexical_time, query
+from linked_fleet_gateway.extensions.history.span import Span, lexical_duration, lexical_time, query
 from linked_fleet_gateway.extensions.history.thinning import GAP_NS, is_gap
 from linked_fleet_gateway.extensions.history.track import Excerpt, Series, Track, wall_ns
 from linked_fleet_gateway.faces import Describer
@@ -36,7 +36,8 @@ from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 
 LF = CORE.extended(
     "History HistoryList HistoryListShape HistoryShape histories history historySpan samplingPeriod oldestSample "
-    "newestSample sampleCount from to last limit at diskSpan ComponentHistory ComponentHistoryShape componentHistory"
+    "newestSample sampleCount from to last limit every at diskSpan "
+    "ComponentHistory ComponentHistoryShape componentHistory"
 )
 
 _READY = {"the last 10 s": "PT10S", "the last minute": "PT1M"}
@@ -45,6 +46,7 @@ _VARIABLES = {
     "to": (LF.to, "xsd:dateTime; samples before then"),
     "last": (LF.last, "xsd:duration; length of the span up to the newest sample"),
     "at": (LF.at, "xsd:dateTime; the single sample that held then, instead of a span"),
+    "every": (LF.every, "xsd:duration; the least time between two samples, of which others are left out"),
     "limit": (LF.limit, "maximum number of samples: the first ones of a span, or the newest if it has no beginning"),
 }
 
@@ -74,7 +76,7 @@ class Page:
         if after is None or not self.span.forward:
             return ""
         end = {} if self.span.end_ns is None else {"to": lexical_time(self.span.end_ns)}
-        return query(from_=lexical_time(after), **end, **self._limit)
+        return query(from_=lexical_time(after), **end, **self._size)
 
     @property
     def previous(self) -> str:
@@ -82,7 +84,7 @@ class Page:
         excerpt = self.excerpt
         if excerpt is None or excerpt.before is None or self.span.forward:
             return ""
-        return query(to=lexical_time(excerpt.before + 1), **self._limit)
+        return query(to=lexical_time(excerpt.before + 1), **self._size)
 
     @property
     def adjacent(self) -> tuple[NamedNode, str]:
@@ -90,8 +92,11 @@ class Page:
         return (HYDRA.next, self.next) if self.span.forward else (HYDRA.previous, self.previous)
 
     @property
-    def _limit(self) -> dict[str, int]:
-        return {} if self.span.limit is None else {"limit": self.span.limit}
+    def _size(self) -> dict[str, str | int]:
+        """Return the parameters by which a page is as long as this one."""
+        limit = {} if self.span.limit is None else {"limit": self.span.limit}
+        every = {} if self.span.every_ns is None else {"every": lexical_duration(self.span.every_ns)}
+        return limit | every
 
 
 def page_of(track: Track | None, span: Span, most: int) -> Page:

@@ -15,6 +15,7 @@ from linked_fleet_gateway.extensions.openapi.api import (
 
 _TIME: Json = {"type": "string", "format": "date-time"}
 _DURATION: Json = {"type": "string", "pattern": "^PT[0-9]{1,6}S$", "examples": ["PT10S"]}
+_SPACING: Json = {"type": "string", "pattern": r"^PT[0-9]{1,6}(\.[0-9]{1,9})?S$", "examples": ["PT0.5S"]}
 _SPAN = [
     parameter("from", "query", _TIME, "The earliest time."),
     parameter("to", "query", _TIME, "The end of the span; samples at that time are excluded."),
@@ -24,6 +25,7 @@ _SPAN = [
         "limit", "query", {"type": "integer", "minimum": 1, "maximum": 999_999_999}, "The maximum number of samples."
     ),
 ]
+_SPACED = [*_SPAN, parameter("every", "query", _SPACING, "The least time between two samples; others are left out.")]
 
 
 def operations(view: RequestView) -> dict[str, Json]:
@@ -35,7 +37,7 @@ def operations(view: RequestView) -> dict[str, Json]:
         with view.faults.guard("OpenAPI", each.name, "its histories"):
             paths += [path.split("/")[2:] for path in measured_paths(each)]
     own, parts = [each for each in paths if len(each) == 1], [each for each in paths if len(each) == 2]
-    whole = rdf_get_operation("readHistory", "Recent values of a robot", None, {"csv": CSV, "mcap": MCAP}, _SPAN)
+    whole = rdf_get_operation("readHistory", "Recent values of a robot", None, {"csv": CSV, "mcap": MCAP}, _SPACED)
     found = resource_path_items(HISTORIES, {}, "Histories", "The histories of all robots")
     if robots:
         found |= resource_path_items(f"/{{robot}}/{SEGMENT}", of, "History", "Recent values of a robot", whole)
@@ -43,7 +45,7 @@ def operations(view: RequestView) -> dict[str, Json]:
         values = rdf_get_operation("readComponentHistory", what, None, {"csv": CSV}, _SPAN)
         found |= resource_path_items(f"/{{robot}}/{SEGMENT}/{VALUES}", of, "ComponentHistory", what, values)
     if own:
-        get = rdf_get_operation("readOwnHistory", "Recent values of a property of a robot", None, {"csv": CSV}, _SPAN)
+        get = rdf_get_operation("readOwnHistory", "Recent values of a property of a robot", None, {"csv": CSV}, _SPACED)
         template, parameters = (
             f"/{{robot}}/{{property}}/{SEGMENT}",
             of | {"property": segment_schema(each[0] for each in own)},
@@ -51,7 +53,7 @@ def operations(view: RequestView) -> dict[str, Json]:
         found |= resource_path_items(template, parameters, "OwnHistory", "History of a property of a robot", get)
     if parts:
         get = rdf_get_operation(
-            "readPartHistory", "Recent values of a property of a joint or link", None, {"csv": CSV}, _SPAN
+            "readPartHistory", "Recent values of a property of a joint or link", None, {"csv": CSV}, _SPACED
         )
         parameters = of | {
             "part": segment_schema(each[0] for each in parts),

@@ -36,6 +36,7 @@ from linked_fleet_gateway.extensions.history.ground import ground_of
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.shelf import MOST_BYTES
 from linked_fleet_gateway.extensions.history.span import Span
+from linked_fleet_gateway.extensions.history.thinning import spaced
 from linked_fleet_gateway.extensions.history.track import (
     Excerpt,
     Joints,
@@ -194,7 +195,7 @@ def _pages(
     of_page, of_file = (
         beyond(history.archive, robot.name, each, most) for each, most in ((page, shortest), (file, longest))
     )
-    found = made(page, file)
+    found = made(_spaced_page(page), file)
     if of_page is None and of_file is None:
         return found
 
@@ -202,9 +203,17 @@ def _pages(
         read = of_file if is_file else of_page
         if read is None:
             return found
-        return made(page, read()) if is_file else made(read(), file)
+        return made(page, read()) if is_file else made(_spaced_page(read()), file)
 
     return replace(found, on_disk=on_disk)
+
+
+def _spaced_page(page: Page) -> Page:
+    """Return the page without the samples that ``every`` leaves out."""
+    if page.excerpt is None or page.span.every_ns is None:
+        return page
+    frames = spaced(page.excerpt.frames, page.span.every_ns)
+    return replace(page, excerpt=replace(page.excerpt, frames=frames))
 
 
 def _file(path: str, suffix: str) -> str:
@@ -256,9 +265,10 @@ def _most(history: History, track: Track | None, robot: Robot, span: Span) -> in
 
 
 def _kept(page: Page, joints: Joints | None) -> Excerpt:
-    """Return the frames of a page; without any, an empty excerpt."""
-    if page.excerpt is not None:
-        return page.excerpt
+    """Return the frames of a page, as far apart as is asked for; without any, an empty excerpt. Call it in a thread."""
+    spaced_out = _spaced_page(page).excerpt
+    if spaced_out is not None:
+        return spaced_out
     if joints is None:
         raise WriteError("the robot has not published its description")
     return Excerpt(joints)

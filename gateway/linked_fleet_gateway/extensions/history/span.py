@@ -14,7 +14,7 @@ _NEWEST = 10
 """Observations in a response to a query without a time."""
 _SECOND_NS = 1_000_000_000
 _LATEST_NS = 2**63 - 1  # no frame has a later stamp, nor one before 1970
-_VARIABLES = ("from", "to", "last", "limit", "at")
+_VARIABLES = ("from", "to", "last", "limit", "every", "at")
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+ -]\d\d:\d\d)", re.ASCII)
 _END_OF_DAY = "T24:00:00"
 _MOST_ZONE = timedelta(hours=14)
@@ -35,6 +35,8 @@ class Span:
     end_ns: int | None = None
     last_ns: int | None = None
     limit: int | None = None
+    every_ns: int | None = None
+    """The least time between two samples; others are left out."""
     at_ns: int | None = None
     """The instant of a single sample: the one that held then."""
 
@@ -62,12 +64,13 @@ def parse_span(query: Iterable[tuple[str, str]]) -> Span:
     if "last" in said and said.keys() & {"from", "to"}:
         raise BadRequest("Either last, or from and to.")
     if "at" in said and len(said) > 1:
-        raise BadRequest("at is a single time: without from, to, last and limit.")
+        raise BadRequest("at is a single time: without from, to, last, limit and every.")
     span = Span(
         _time("from", said["from"]) if "from" in said else None,
         _time("to", said["to"]) if "to" in said else None,
-        _duration(said["last"]) if "last" in said else None,
+        _duration("last", said["last"]) if "last" in said else None,
         _limit(said["limit"]) if "limit" in said else None,
+        _duration("every", said["every"]) if "every" in said else None,
         _time("at", said["at"]) if "at" in said else None,
     )
     if span.begin_ns is not None and span.end_ns is not None and span.begin_ns > span.end_ns:
@@ -79,6 +82,12 @@ def lexical_time(stamp_ns: int) -> str:
     """Return an xsd:dateTime in UTC with all digits, so that parsing it gives the same time."""
     seconds = datetime.fromtimestamp(stamp_ns // _SECOND_NS, UTC).strftime("%Y-%m-%dT%H:%M:%S")
     return f"{seconds}.{stamp_ns % _SECOND_NS:09}Z"
+
+
+def lexical_duration(length_ns: int) -> str:
+    """Return an xsd:duration in seconds with all digits."""
+    seconds, rest = divmod(length_ns, _SECOND_NS)
+    return f"PT{seconds}.{rest:09}".rstrip("0").rstrip(".") + "S" if rest else f"PT{seconds}S"
 
 
 def query(**said: str | int) -> str:
@@ -108,10 +117,10 @@ def _time(name: str, text: str) -> int:
         raise BadRequest(f"{name} is a time with its zone such as {example}, not {text[:40]!r}.") from None
 
 
-def _duration(text: str) -> int:
+def _duration(name: str, text: str) -> int:
     found = _DURATION.fullmatch(text)
     if found is None:
-        raise BadRequest(f"last is a duration such as PT10S or PT1M, not {text[:40]!r}.")
+        raise BadRequest(f"{name} is a duration such as PT10S or PT1M, not {text[:40]!r}.")
     years, months, days, hours, minutes, seconds = (int(each or 0) for each in found.groups()[:6])
     fraction = int((found[7] or "0").ljust(9, "0"))
     days += years * _YEAR_DAYS + months * _MONTH_DAYS

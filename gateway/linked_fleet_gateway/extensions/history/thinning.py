@@ -7,6 +7,8 @@ heard, the record has a frame of which all values are unknown (``gap_after``): i
 
 import math
 import struct
+from collections.abc import Sequence
+from itertools import zip_longest
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_gateway.extensions.history.track import LATEST_NS, wall_ns
@@ -35,6 +37,19 @@ def gap_after(frame: bytes) -> bytes:
 def is_gap(frame: bytes) -> bool:
     """Return True for the frame of a gap: none of its values is known."""
     return len(frame) > _VALUES_AT and frame[_VALUES_AT:] == _UNKNOWN * ((len(frame) - _VALUES_AT) // len(_UNKNOWN))
+
+
+def spaced(frames: Sequence[bytes], every_ns: int) -> tuple[bytes, ...]:
+    """Return the frames that are at least ``every_ns`` after the one that was kept before, and the newest.
+
+    A gap stays, with the frames before and after it, so that nothing is known for longer or shorter than it was.
+    """
+    kept = list[bytes]()
+    for each, following in zip_longest(frames, frames[1:]):
+        late = following is None or not kept or wall_ns(each) - wall_ns(kept[-1]) >= every_ns
+        if late or is_gap(each) or is_gap(following) or is_gap(kept[-1]):
+            kept.append(each)
+    return tuple(kept)
 
 
 class Thinning:

@@ -23,6 +23,7 @@ from linked_fleet_gateway.api import (
     read_resource,
     robot_path,
 )
+from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.extensions.history.describe import LF
 from linked_fleet_gateway.extensions.history.files import CSV
 from linked_fleet_gateway.extensions.history.recorder import History
@@ -65,6 +66,8 @@ def values_of(history: History, view: RequestView, robot: Robot, rest: list[str]
 async def read_values(request: Request, found: Resource, recorded: RecordedValues) -> Response:
     """Return what components said in the requested time, or what held at an instant. Raises BadRequest, Busy."""
     span, archive = parse_span(request.query_params.multi_items()), recorded.history.archive
+    if span.every_ns is not None:
+        raise BadRequest("Values of components are told when they change, so every has no meaning here.")
     assert archive is not None  # else there is no such resource
     shelf, now_ns = archive.shelf, time.time_ns()
 

@@ -18,10 +18,16 @@ SUFFIXES: Mapping[str, str] = {
 
 MODEL, MESHES = "model", "meshes"
 """Segments below a robot."""
+SIMPLIFIED = "simplified"
+"""Segment below the model: the same with simplified meshes."""
 
 
 def model_path(robot: str) -> str:
     return robot_path(robot) + MODEL
+
+
+def simplified_path(robot: str) -> str:
+    return f"{model_path(robot)}/{SIMPLIFIED}"
 
 
 def mesh_path(robot: str, file_name: str) -> str:
@@ -30,6 +36,11 @@ def mesh_path(robot: str, file_name: str) -> str:
 
 def file_name(mesh: Mesh) -> str:
     return f"{mesh.sha256}.{SUFFIXES[mesh.type]}"
+
+
+def simplified_name(mesh: Mesh) -> str:
+    """Return the file name of the simplified mesh, which is binary glTF."""
+    return f"{mesh.sha256}.{SIMPLIFIED}.glb"
 
 
 def meshes_of(robot: Robot) -> dict[str, Mesh]:

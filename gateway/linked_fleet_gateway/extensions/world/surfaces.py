@@ -25,7 +25,7 @@ import coal
 import numpy as np
 import numpy.typing as npt
 
-from linked_fleet_gateway.extensions.world.mesh_formats import collada_unit_m, with_plain_root
+from linked_fleet_gateway.extensions.models.mesh_formats import collada_unit_m, with_plain_root
 from linked_fleet_gateway.fleet.xml import ModelError
 
 _log = logging.getLogger(__name__)

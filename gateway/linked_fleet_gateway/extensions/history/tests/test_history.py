@@ -5,7 +5,9 @@ import csv
 import io
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from datetime import datetime
 from functools import partial
+from itertools import pairwise
 
 import httpx
 import pyshacl
@@ -124,6 +126,22 @@ def test_observations_of_a_property_are_the_same_as_linked_data(moving: Moving) 
     assert (page.iri, SOSA.observedProperty, rotation) in page.graph
 
 
+def test_samples_are_as_far_apart_as_is_asked_for_and_none_is_made_up(moving: Moving) -> None:
+    first, last = (row["time"] for row in moving.rows(moving.rotation)[:40:39])
+    span = {"from": first, "to": last}
+    whole = [row["time"] for row in moving.rows(moving.rotation, **span)]
+    few = [row["time"] for row in moving.rows(moving.rotation, **span, every="PT1S")]
+    assert set(few) < set(whole)
+    assert (few[0], few[-1]) == (whole[0], whole[-1])
+    stamps = [datetime.fromisoformat(each).timestamp() for each in few]
+    assert all(later - one > 0.999 for one, later in pairwise(stamps[:-1]))
+    assert len(few) >= (stamps[-1] - stamps[0]) / 2
+    page = moving.shown(f"{moving.rotation}?from={first}&to={last}&every=PT1S", moving.rotation)
+    assert len(observations(page)) == len(few)
+    part = moving.http.get(moving.rotation, params=span | {"every": "PT0.05S", "limit": "5"})
+    assert "every=PT0.05S" in part.headers["link"]
+
+
 def test_a_description_leads_to_all_that_can_be_asked(moving: Moving) -> None:
     """Without building an address: there are links to the last seconds, to files, and to what came before."""
     page = moving.browser.page(moving.rotation)
@@ -138,7 +156,7 @@ def test_a_description_leads_to_all_that_can_be_asked(moving: Moving) -> None:
     types = {moving.http.get(str(view)).headers["content-type"] for view in whole.graph.objects(whole.iri, HYDRA.view)}
     assert types == {"text/csv; charset=utf-8", "application/vnd.mcap"}
     (template,) = whole.graph.objects(whole.iri, HYDRA.search / HYDRA.template)
-    assert str(template) == moving.whole + "{?from,to,last,at,limit}"
+    assert str(template) == moving.whole + "{?from,to,last,at,every,limit}"
     rotation = str(moving.browser.part("ur5", JOINT).one(ROS.rotation))
     assert moving.rotation in links(moving.browser.page(rotation).response, "related")
 

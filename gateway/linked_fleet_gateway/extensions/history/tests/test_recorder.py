@@ -11,7 +11,7 @@ from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
 from linked_fleet_gateway.extensions.history import recorder
 from linked_fleet_gateway.extensions.history.recorder import History
-from linked_fleet_gateway.extensions.history.thinning import gap_after
+from linked_fleet_gateway.extensions.history.thinning import gap_after, spaced
 from linked_fleet_gateway.extensions.history.track import wall_ns
 from linked_fleet_gateway.fleet.events import Frames
 from linked_fleet_gateway.fleet.fleet import Appeared, Described, Fleet, Framed, Vanished
@@ -179,6 +179,14 @@ async def test_a_robot_that_falls_silent_has_a_gap_and_none_twice(
     assert fleet.frames.put("r", frame(50), 1)
     await history._sample_all()
     assert track.excerpt(None, None, 9).frames == (frame(1), gap_after(frame(1)), frame(50))
+
+
+def test_spaced_frames_keep_what_ends_before_a_gap() -> None:
+    gap = gap_after(frame(3))
+    given = [frame(1), frame(2), frame(3), gap, frame(50), frame(51), frame(60), frame(61)]
+    assert spaced(given, S // 2) == (frame(1), frame(3), gap, frame(50), frame(60), frame(61))
+    assert spaced(given, 0) == tuple(given)
+    assert spaced([], S) == ()
 
 
 def test_a_pause_between_two_frames_is_a_gap() -> None:

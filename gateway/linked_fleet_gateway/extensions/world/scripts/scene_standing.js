@@ -65,7 +65,7 @@ export class Standing {
 
   async load(signal) {
     const [urdf, state, base] = await Promise.all([
-      fetchModel(this.model, signal),
+      fetchModel(this.model, signal, true), // among others a robot is small
       fetchState(this.state, signal),
       this.pose ? fetchBase(this.pose, signal) : undefined,
     ]);

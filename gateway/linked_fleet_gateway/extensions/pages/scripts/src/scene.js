@@ -22,6 +22,7 @@ import { lf } from "./vocabulary.js";
 
 const INTERVAL_S = 0.033; // 30 Hz
 const RESOLUTION = 1e-4; // rad or m; smaller changes are invisible
+const PHONE = matchMedia("(max-width: 40rem)");
 const MARK = 0.04; // of the robot's size
 const AHEAD = "400px"; // prepares a section before it is scrolled into view
 
@@ -91,7 +92,7 @@ class RobotScene {
   async load() {
     const { model } = this.section.dataset;
     const { signal } = this.ending;
-    const [urdf] = await Promise.all([fetchModel(model, signal), this.isPast ? undefined : this.describe()]);
+    const [urdf] = await Promise.all([fetchModel(model, signal, this.isSmall), this.isPast ? undefined : this.describe()]);
     this.urdf = urdf;
     const { robot, meshes } = build(urdf, model);
     this.robot = robot;
@@ -221,6 +222,11 @@ class RobotScene {
     this.paint();
   }
 
+  /** Whether few triangles are enough: on a phone, where data are dear, or where several robots are drawn. */
+  get isSmall() {
+    return PHONE.matches || Boolean(/** @type {any} */ (navigator).connection?.saveData) || this.isPast;
+  }
+
   get isPast() {
     return "past" in this.section.dataset;
   }
@@ -318,7 +324,7 @@ class RobotScene {
     if (this.renewing) return;
     this.renewing = true;
     try {
-      const urdf = await fetchModel(this.section.dataset.model, this.ending.signal);
+      const urdf = await fetchModel(this.section.dataset.model, this.ending.signal, this.isSmall);
       await this.describe();
       this.incarnation = undefined;
       if (urdf === this.urdf && !this.missing?.length) this.pose();

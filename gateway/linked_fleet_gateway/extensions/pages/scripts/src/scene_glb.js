@@ -1,7 +1,8 @@
 // Binary glTF 2.0 of robots: its triangles in its own axes, in metre. Nothing is loaded from elsewhere.
 
 import { say } from "./say.js";
-import { BufferAttribute, BufferGeometry, Group, Matrix4, Mesh, Quaternion, Vector3 } from "three";
+import { BufferAttribute, BufferGeometry, Color, DoubleSide, Group, Matrix4, Mesh, MeshStandardMaterial, Quaternion, Vector3 } from "three";
+import { toCreasedNormals } from "three/examples/jsm/utils/BufferGeometryUtils.js";
 
 import { limit } from "./scene_files.js";
 
@@ -9,9 +10,14 @@ const GLTF = 0x46546c67;
 const JSON_CHUNK = 0x4e4f534a;
 const TRIANGLES = 4;
 const COMPONENTS = { 5121: Uint8Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array };
+const MOST_MATERIALS = 256;
+const CREASE_RAD = 0.7;
+const CREASED = 6e5; // corners; finding creases in more of them takes seconds
 const SIZES = { SCALAR: 1, VEC3: 3 };
 
 /**
+ * Return its shapes. Those with a material of the file have its base colour, and `userData.coloured` is true then.
+ *
  * @param {ArrayBuffer} file
  * @returns {Group}
  * @throws {Error} if it is no binary glTF, refers to other files or needs an extension
@@ -23,6 +29,7 @@ export function glb(file) {
   const whole = new Group();
   const scene = document.scenes?.[document.scene ?? 0];
   const pending = (scene?.nodes ?? []).map((node) => ({ node, parent: whole }));
+  const colours = (document.materials ?? []).slice(0, MOST_MATERIALS).map(coloured);
   let objects = 0;
   for (let next = pending.pop(); next; next = pending.pop()) {
     limit(++objects);
@@ -31,7 +38,10 @@ export function glb(file) {
     next.parent.add(group);
     for (const primitive of document.meshes?.[node.mesh]?.primitives ?? []) {
       limit(++objects);
-      if ((primitive.mode ?? TRIANGLES) === TRIANGLES) group.add(new Mesh(geometry(document, binary, primitive)));
+      if ((primitive.mode ?? TRIANGLES) !== TRIANGLES) continue;
+      const colour = colours[primitive.material];
+      if (colour) whole.userData.coloured = true;
+      group.add(new Mesh(geometry(document, binary, primitive), colour));
     }
     for (const child of node.children ?? []) pending.push({ node: child, parent: group });
   }
@@ -49,6 +59,14 @@ function chunks(file) {
   return { document, binary: file.slice(start + 8, start + 8 + size) };
 }
 
+/** Return the base colour of a material, which is linear in glTF; textures are not drawn. */
+function coloured({ pbrMetallicRoughness: { baseColorFactor = [1, 1, 1, 1], baseColorTexture = undefined } = {}, doubleSided = false }) {
+  const [red, green, blue, opacity] = baseColorFactor;
+  if (baseColorTexture) return undefined;
+  const side = doubleSided ? { side: DoubleSide } : {};
+  return new MeshStandardMaterial({ color: new Color(red, green, blue), opacity, transparent: opacity < 1, roughness: 0.6, ...side });
+}
+
 function placed({ matrix, translation = [0, 0, 0], rotation = [0, 0, 0, 1], scale = [1, 1, 1] }) {
   const own = matrix ? new Matrix4().fromArray(matrix) : new Matrix4().compose(new Vector3(...translation), new Quaternion(...rotation), new Vector3(...scale));
   const group = new Group();
@@ -60,6 +78,7 @@ function geometry(document, binary, { attributes, indices }) {
   const found = new BufferGeometry().setAttribute("position", new BufferAttribute(numbers(document, binary, attributes.POSITION), 3));
   if (indices !== undefined) found.setIndex(new BufferAttribute(numbers(document, binary, indices), 1));
   const flat = found.index ? found.toNonIndexed() : found;
+  if (flat.attributes.position.count <= CREASED) return toCreasedNormals(flat, CREASE_RAD);
   flat.computeVertexNormals();
   return flat;
 }

@@ -19,8 +19,13 @@ const CREASED = 6e5; // corners; finding creases in more of them takes seconds
 const MOST_SHAPES = 4096;
 const PRIMITIVES = "box, cylinder, sphere";
 
-/** @returns {Promise<string>} the URDF at this address */
-export async function fetchModel(address, signal) {
+/**
+ * @param {string} address of the model
+ * @param {boolean} [simplified] whether its meshes are to have few triangles
+ * @returns {Promise<string>} the URDF
+ */
+export async function fetchModel(address, signal, simplified = false) {
+  if (simplified) address += "/simplified";
   const answer = await fetch(address, { headers: { Accept: "application/xml" }, signal });
   if (!answer.ok) throw new Error(`${address}: ${answer.status} ${answer.statusText}`);
   return answer.text();
@@ -45,7 +50,7 @@ export function build(urdf, address) {
   const loader = new URDFLoader(new LoadingManager());
   loader.parseCollision = true;
   loader.loadMeshCb = (url, _manager, material, done) =>
-    meshes.push({ url, place: (mesh) => done(url.endsWith(".dae") ? mesh : painted(mesh, colour(material))) });
+    meshes.push({ url, place: (mesh) => done(mesh.userData.coloured ? mesh : painted(mesh, colour(material))) });
   const robot = loader.parse(xml);
   robot.traverse((/** @type {any} */ each) => each.isMesh && colour(each.material));
   robot.userData.declared = declared;
@@ -122,9 +127,10 @@ async function fetchMesh(url, signal) {
   const answer = await fetch(url, { signal });
   if (!answer.ok) throw new Error(`${answer.status} ${answer.statusText}`);
   checkSize(answer);
-  if (url.endsWith(".dae")) return collada(await answer.text());
-  if (url.endsWith(".obj")) return object(await answer.text());
-  if (url.endsWith(".glb")) return glb(await answer.arrayBuffer());
+  const served = answer.url; // that of the mesh itself if it cannot be simplified
+  if (served.endsWith(".dae")) return collada(await answer.text());
+  if (served.endsWith(".obj")) return object(await answer.text());
+  if (served.endsWith(".glb")) return glb(await answer.arrayBuffer());
   const geometry = stl(await answer.arrayBuffer());
   if (geometry.attributes.position.count <= CREASED) return new Mesh(toCreasedNormals(geometry, CREASE_RAD));
   geometry.computeVertexNormals();
@@ -146,6 +152,7 @@ function collada(text) {
   checkCollada(parsed.library);
   const { scene } = new ColladaComposer(parsed.library, parsed.collada, BLANK, BLANK).compose();
   const sized = new Group();
+  sized.userData.coloured = true;
   sized.scale.setScalar(parsed.asset.unit);
   sized.add(drawable(scene));
   return sized;
