@@ -1,5 +1,6 @@
 """Properties and events of components as properties of a part."""
 
+from collections.abc import Iterator
 from typing import Any
 
 import msgspec
@@ -13,13 +14,15 @@ from linked_fleet_gateway.extensions.components.shapes import SH
 from linked_fleet_gateway.extensions.components.state import Happened
 from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.extensions.components.units import declared_unit
-from linked_fleet_gateway.extensions.components.values import add_value
+from linked_fleet_gateway.extensions.components.values import add_value, has_more_values
 from linked_fleet_gateway.faces import DeclaredForm, Json, Measurement, Offer, Property
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph, integer, moment, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, SOSA, XSD
 
 _TIME: Json = {"type": "string", "format": "date-time"}
+_MOST_AT_ONCE = 200
+"""Values in a value that are described at once, in a few milliseconds."""
 _UNKNOWN = Observation((float("nan"),), None)
 
 
@@ -51,6 +54,15 @@ def property_item(
             compiled.describe(graph, node, part.state.value(name) if known else None)
             graph.result_time(node, part.state.times_ns.get(name) if known else None)
 
+    def steps(graph: Graph, node: NamedNode) -> Iterator[None]:
+        graph.add(node, DCTERMS.identifier, Literal(name))
+        value, wall_ns = part.state.value(name), part.state.times_ns.get(name)
+        yield from compiled.describe_in_steps(graph, node, value)
+        graph.result_time(node, wall_ns)
+
+    def is_long() -> bool:
+        return part.is_current and has_more_values(part.state.value(name), _MOST_AT_ONCE)
+
     def sample() -> tuple[Observation, ...]:
         return (part.state.observation(name) if part.is_current else _UNKNOWN,)
 
@@ -75,6 +87,8 @@ def property_item(
         form=_form(schema_json(schema), schema.unit),
         json=lambda: _json(part, name, schema.unit),
         describe_shapes=lambda graph: _describe_shapes(graph, compiled, iri, put is not None),
+        steps=steps,
+        is_long=is_long,
     )
 
 

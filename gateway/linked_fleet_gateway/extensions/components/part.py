@@ -26,7 +26,7 @@ from linked_fleet_gateway.extensions.components.offers import ComponentOffer, Ha
 from linked_fleet_gateway.extensions.components.places import vocabulary_iri
 from linked_fleet_gateway.extensions.components.state import RobotState
 from linked_fleet_gateway.extensions.components.terms import LF
-from linked_fleet_gateway.extensions.components.values import add_members, add_value
+from linked_fleet_gateway.extensions.components.values import add_members, add_value, has_more_values
 from linked_fleet_gateway.faces import Json, Offer, PartCopier, Property, RobotPart, link_path, parts_of, robot_path
 from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
 from linked_fleet_gateway.fleet.driving import FollowedPath
@@ -198,7 +198,7 @@ class ComponentPart(DeclaredComponent):
             action = self.compiled(base).actions.get(self._action_of(invocation))
             place = getattr(action, said, None)
             # Without a place, the robot declares something else by now.
-            if place is None or _is_long(value):
+            if place is None or has_more_values(value, _MOST_VALUES):
                 graph.add(node, LF.value, Literal(msgspec.json.encode(value).decode(), datatype=_JSON))
             elif isinstance(value, Mapping):
                 add_members(graph, place, value, node)
@@ -217,17 +217,6 @@ class ComponentPart(DeclaredComponent):
     def _action_of(self, invocation: Invocation) -> str:
         offer = self.offers.get(invocation.action.rpartition("/")[2])
         return offer.of_action if isinstance(offer, ComponentOffer) else ""
-
-
-def _is_long(value: Any) -> bool:
-    """Return True for what takes long to be described as RDF, each time that it is read."""
-    pending, count = [value], 0
-    while pending and count <= _MOST_VALUES:
-        each = pending.pop()
-        inner = list(each.values()) if isinstance(each, Mapping) else each if isinstance(each, list) else []
-        count += len(inner)
-        pending += inner
-    return count > _MOST_VALUES
 
 
 def _object(members: Json) -> Json:

@@ -10,7 +10,7 @@ import pytest
 import rdflib
 from rdflib import RDF, RDFS, Literal, URIRef
 
-from browser import DCTERMS, HYBRIT, LF, SH, VOM, Browser, Page
+from browser import DCTERMS, HYBRIT, LF, SH, SOSA, VOM, Browser, Page
 from component_cell import Cell, Colour, Grasped, Piece
 from linked_fleet_agent.components import Battery, Call, Charge, Component, PowerSupplyState, action, unit, value
 from linked_fleet_agent.robots.of_components import RobotOfComponents
@@ -382,6 +382,10 @@ def test_the_fleet_lists_the_charge_of_a_battery(hall: Hall) -> None:
 class Scanner(Component, blocking=False):
     """Measures as many distances as asked for."""
 
+    @value
+    def profile(self) -> list[Annotated[float, unit("M")]]:
+        return [0.25] * 900
+
     @action()
     async def scan(self, call: Call[None], count: int) -> list[Annotated[float, unit("M")]]:
         """Measure."""
@@ -403,3 +407,16 @@ def test_a_long_result_is_one_literal(tmp_path: Any, count: int, is_described: b
         value = page.graph.value(output, LF.value)
         assert isinstance(value, Literal) != is_described
         assert len(list(page.graph.objects(None, VOM.numericalValue))) >= count * is_described
+
+
+def test_long_values_are_described_whole(tmp_path: Any) -> None:
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser), serving_robot(place.zenoh, "r", RobotOfComponents("R", Scanner())):
+        scanner, profile = f"{place.root}r/scanner", f"{place.root}r/scanner/profile"
+        eventually(lambda: 0.25 in (browser.http.get(profile, headers=JSON).json().get("value") or ()), "the profile")
+        for url in (scanner, profile):
+            graph = browser.page(url).graph
+            (head,) = graph.objects(URIRef(profile), LF.value)
+            assert [float(graph.value(each, VOM.numericalValue)) for each in graph.items(head)] == [0.25] * 900
+            assert graph.value(URIRef(profile), SOSA.resultTime) is not None
+            assert (URIRef(scanner), HYBRIT.property, URIRef(profile)) in graph or url == profile
