@@ -8,13 +8,14 @@ import socket
 import sys
 from collections.abc import MutableSequence, Sequence
 from contextlib import AbstractAsyncContextManager, suppress
+from itertools import count
 from typing import Any, NamedTuple, Protocol
 
 from linked_fleet_agent.agent import Agent, new_incarnation
 from linked_fleet_agent.components import DeclarationError
 from linked_fleet_agent.link import AbsentRobot, DuplicateNameError, RobotLink
 from linked_fleet_agent.robot import NewDescriptionError, Robot
-from linked_fleet_agent.robots.catalogue import UnavailableError, awaited, load
+from linked_fleet_agent.robots.catalogue import AwayError, UnavailableError, awaited, load
 from linked_fleet_agent.settings import AgentSettings, SettingsError, read_settings
 from linked_fleet_agent.tracing import Tracing
 from linked_fleet_agent.transport import Session
@@ -25,7 +26,8 @@ from linked_fleet_agent.zenoh_session import open_session
 
 _log = logging.getLogger("linked_fleet_agent")
 
-# Delays before a robot that cannot be used is tried again; each is twice the one before.
+# Delays before a robot that cannot be used is tried again; each is twice the one before. One that is away has the first
+# delay alone: it may come at any time, and to look for it costs little.
 FIRST_DELAY_S, LONGEST_DELAY_S = 2.0, 60.0
 
 
@@ -182,6 +184,7 @@ class _Served:
 
     async def wait_for(self, absent: Absent, alone: bool) -> None:
         """Serve a robot of the settings once it can be used."""
+        _log.info(absent.reason)
         await self.keep_running(await self._loaded(absent), alone)
 
     async def keep_running(self, agent: Agent, alone: bool) -> None:
@@ -215,13 +218,16 @@ class _Served:
         """Try to load a robot until that succeeds. Gateways see the reason meanwhile."""
         keys, name, delay_s = self._settings.keys, self._settings.robots[absent.place].name, FIRST_DELAY_S
         with AbsentRobot(self._session, keys, name, new_incarnation(), absent.reason) as shown:
-            while True:
+            for attempt in count(1):
                 try:
                     agent = await self._made(absent.place)
                     break
                 except (SettingsError, UnavailableError) as error:
+                    away = isinstance(error, AwayError)
+                    delay_s = FIRST_DELAY_S if away else delay_s
+                    if not away or str(error) != shown.reason or attempt.bit_count() == 1:
+                        _log.warning("%s; the robot is tried again in %g s", error, delay_s)
                     shown.reason = str(error)
-                    _log.warning("%s; the robot is tried again in %g s", error, delay_s)
                 await asyncio.sleep(delay_s)
                 delay_s = min(2.0 * delay_s, LONGEST_DELAY_S)
         self._agents.append(agent)

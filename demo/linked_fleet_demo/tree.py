@@ -22,6 +22,7 @@ from linked_fleet_demo.state import own_folder
 
 ROBOTS = ("baxter", "ur5", "panda", "tiago", "go2", "pmb2")
 SWAYING = "ur5:shoulder_pan_joint"
+_CONTACTS = "contacts"
 # Side by side, all facing along x; the transport base in front, out of reach of all arms. Positions of the root link
 # frame in metre; for the go2 that of its odometry frame.
 PLACES = {
@@ -106,7 +107,10 @@ _OPENER = urllib.request.build_opener(urllib.request.ProxyHandler({}))  # no pro
 
 @dataclass
 class Demo:
-    """The processes of a demo: a gateway, and an agent for each robot. Each demo on a machine is a fleet of its own."""
+    """The processes of a demo: a gateway, an agent for each robot, and one that stops robots which touch something.
+
+    Each demo on a machine is a fleet of its own.
+    """
 
     port: int
     zenoh: str
@@ -133,6 +137,12 @@ class Demo:
         self._start_gateway()
         for robot in ROBOTS:
             self._start_agent(robot)
+        self._start(
+            _CONTACTS,
+            "linked_fleet_demo.contacts",
+            ["--url", self.root, "--connect", self.zenoh, *self.fleet, *ROBOTS],
+            {},
+        )
         deadline: float | None = time.monotonic() + _READY_TIMEOUT_S
         while True:
             code = self._ended()
@@ -168,7 +178,7 @@ class Demo:
                 continue
             child.wait(time.monotonic())
             self.children.remove(child)
-            goes_on = child.name != "gateway" and len(self.children) > 1
+            goes_on = child.name != "gateway" and any(each.name in ROBOTS for each in self.children)
             print_line(_farewell(child, code, goes_on))
             if not goes_on:
                 return code if code >= 0 else 128 - code
@@ -201,6 +211,8 @@ def _farewell(child: Child, code: int, goes_on: bool) -> str:
     ended = f"The {child.name} process has ended by itself (exit code {code})"
     if not goes_on:
         return f"{ended}; the demo ends too."
+    if child.name == _CONTACTS:
+        return f"{ended}; simulated robots go through what they touch."
     return f"{ended}; the fleet shows the robot as offline. To start its agent again:\n  {shlex.join(child.command)}"
 
 

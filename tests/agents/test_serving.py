@@ -9,7 +9,7 @@ import pytest
 
 from linked_fleet_agent import serving
 from linked_fleet_agent.robot import NewDescriptionError
-from linked_fleet_agent.robots.catalogue import UnavailableError
+from linked_fleet_agent.robots.catalogue import AwayError, UnavailableError
 from linked_fleet_agent.settings import AgentSettings, RobotChoice
 from linked_fleet_agent.transport import Session
 
@@ -82,6 +82,31 @@ async def test_a_robot_with_a_new_description_gets_another_run(monkeypatch: pyte
     task.cancel()
     with pytest.raises(asyncio.CancelledError):
         await task
+
+
+async def test_a_robot_that_is_away_is_looked_for_at_one_rate_and_said_a_few_times(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    """One that cannot be used for another reason is tried less and less often."""
+    errors = [*(AwayError("r: away") for _ in range(9)), *(UnavailableError("r: unusable") for _ in range(7))]
+    slept = list[float]()
+
+    def make(settings: AgentSettings, place: int) -> Any:
+        if errors:
+            raise errors.pop(0)
+        return FakeAgent(None)
+
+    async def sleep(delay_s: float) -> None:
+        slept.append(delay_s)
+
+    monkeypatch.setattr(serving, "make_agent", make)
+    monkeypatch.setattr(serving, "AbsentRobot", Shown)
+    monkeypatch.setattr(serving.asyncio, "sleep", sleep)
+    settings = AgentSettings(robots=(RobotChoice("r", "r"),))
+    await serving._Served(settings, cast(Session, None), None, [])._loaded(serving.Absent(0, "r: not yet"))
+    assert slept == [2.0] * 9 + [4.0, 8.0, 16.0, 32.0, 60.0, 60.0, 60.0]
+    assert sum("r: away" in each for each in caplog.messages) == 4
+    assert sum("r: unusable" in each for each in caplog.messages) == 7
 
 
 async def test_a_robot_that_is_found_after_the_end_is_closed(monkeypatch: pytest.MonkeyPatch) -> None:

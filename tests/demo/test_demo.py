@@ -10,6 +10,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import httpx
 import pytest
@@ -33,7 +34,7 @@ def demo(tmp_path: Path) -> Iterator[Demo]:
 
 
 ROBOTS = {"baxter", "ur5", "panda", "tiago", "go2", "pmb2"}
-PROCESSES = 8  # the demo, the gateway, and an agent for each robot
+PROCESSES = 9  # the demo, the gateway, an agent for each robot, and the contacts between them
 pytestmark = [
     pytest.mark.processes,
     pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="counts processes in /proc"),
@@ -57,11 +58,46 @@ def _has_the_figures(demo: Demo) -> None:
         test_actions.test_figure_5b_turns_the_joint(browser)
 
 
+def _stops_a_robot_that_touches_something(demo: Demo) -> None:
+    """A crate is put into the way of an arm that moves already, which no check of the motion knows."""
+    panda, unit = f"{demo.root}panda/", "http://qudt.org/vocab/unit/"
+
+    def move(positions: dict[int, float], scale: float, prefer: str) -> None:
+        targets = [
+            {"joint": f"{panda}panda_joint{n}", "value": value, "unit": f"{unit}RAD"} for n, value in positions.items()
+        ]
+        body = {"target": targets, "speedScale": scale}
+        answer = httpx.post(f"{panda}actions/moveJoints", json=body, headers={"prefer": prefer}, timeout=30)
+        assert answer.status_code in (202, 204), answer.text
+
+    move({1: -0.5, 2: 0.4, 4: -1.9}, 1.0, "wait=20")
+    eventually(lambda: abs(_value(f"{panda}panda_joint1/rotation") + 0.5) < 0.01, "the arm is to the right")
+    move({1: 1.5}, 0.2, "respond-async")
+    where, size = ({"x": x, "y": y, "z": z, "unit": f"{unit}M"} for x, y, z in ((0.45, 4.25, 0.4), (0.3, 0.1, 0.8)))
+    geometry = {"form": "https://w3id.org/linked-fleet#Box", "size": size}
+    crate = httpx.post(f"{demo.root}world/objects", json={"title": "crate", "position": where, "geometry": geometry})
+    assert crate.status_code == 201, crate.text
+    mode = eventually(lambda: said if (said := _json(f"{panda}mode"))["protectiveStop"] else None, "it is stopped")
+    assert re.fullmatch(r"contact: panda_link\d of panda touches crate", mode["reason"])
+    assert _value(f"{panda}panda_joint1/rotation") < 0.6
+    httpx.delete(crate.headers["location"])
+
+
+def _json(url: str) -> dict[str, Any]:
+    found: dict[str, Any] = httpx.get(url, headers={"accept": "application/json"}).json()
+    return found
+
+
+def _value(url: str) -> float:
+    return float(_json(url)["value"])
+
+
 def test_the_demo_starts_serves_and_ends_on_ctrl_c(demo: Demo) -> None:
     eventually(lambda: demo.robots_online() == 6, "six robots online")
     eventually(lambda: f"The fleet is at http://127.0.0.1:{demo.port}/" in demo.output, "the root's address is printed")
     _turns_what_it_says(demo)
     _has_the_figures(demo)
+    _stops_a_robot_that_touches_something(demo)
     assert len(demo.members()) == PROCESSES
     assert len(demo.servers()) == 1
     assert demo.interrupt() in (0, 130)

@@ -117,6 +117,7 @@ class Place:
             "placement": f"<> {_AT} .",
             "availability": '<> lf:inService false ; lf:reason "worn" .',
             "tags": '<> lf:tag "arms" , "hall 3" .',
+            "stopLatches": f"<> lf:latchAbout <{self.browser.root}ur5/> .",
             "notes": f"<> lf:noteText 'Mind the cable.' ; lf:noteAbout <{self.browser.root}ur5/> .",
             "poses": f'<> dcterms:title "here {next(self._numbers)}" .',
             "mode": '<> lf:value "automatic" .',
@@ -236,7 +237,7 @@ def test_the_same_writes_have_an_effect_without_the_field(place: Place) -> None:
 
 def _order(write: Write) -> tuple[bool, ...]:
     """Return a key by which those come last after which others have no effect."""
-    return write.name == "lease", write.method == "DELETE", write.name == "stopProtectively"
+    return write.name == "lease", write.method == "DELETE", write.name in ("stopProtectively", "stopLatches")
 
 
 def test_a_callback_by_get_is_not_created_in_a_rehearsal(place: Place) -> None:

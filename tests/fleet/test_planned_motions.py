@@ -11,6 +11,7 @@ import pytest
 from browser import Browser
 from commanding import ended
 from linked_fleet_gateway.extensions.planning import kept_plans, planner
+from mcp_client import mcp_session
 from running import eventually, process
 from scene_client import contents, crate, put_object, put_robot
 from small_fleet import Place, live
@@ -110,6 +111,9 @@ def test_a_single_joint_is_offered_no_way_round(panda: Arm) -> None:
     panda.go(BESIDE, "Planned")
     refused = panda.post("moveJoints", panda.body({1: 0.0}), "dry-run")
     assert refused.status_code == 409 and "retryWith" not in refused.json(), refused.text
+    alone = panda.post("moveJoints", panda.body({1: 0.0}, "Planned"), "dry-run")
+    assert alone.json()["type"].endswith("#no-path-found") and "Name further joints" in alone.json()["detail"]
+    assert panda.post("moveJoints", panda.body(BESIDE | {1: 0.0}, "Planned"), "dry-run").status_code == 200
 
 
 def test_a_rehearsal_shows_the_path(panda: Arm) -> None:
@@ -321,6 +325,32 @@ def test_reach_offers_a_plan_for_its_direct_path_too(panda: Arm) -> None:
     ended(panda.browser, moved.headers["location"])
 
 
+def test_language_models_see_the_path_and_get_the_path_that_they_saw(
+    panda: Arm, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    find, used = kept_plans.KeptPlans.find, list[str]()
+
+    async def noting(plans: kept_plans.KeptPlans, id: str) -> kept_plans.Found | None:
+        used.append(id)
+        return await find(plans, id)
+
+    monkeypatch.setattr(kept_plans.KeptPlans, "find", noting)
+    action, body = f"{panda.root}actions/moveJoints", panda.body(BESIDE, "Planned")
+    with mcp_session(panda.browser.root) as model:
+        shown = model.call("rehearse", action=action, body=body)["structuredContent"]
+        assert shown["plan"] and len(shown["waypoint"]) >= 10 and shown["closest"], shown
+        put_object(panda.browser, crate("late", 0.15, 0.45, 0.5, 120))
+        stale = model.call("act", action=action, body=body | {"plan": shown["plan"]})
+        assert stale["isError"] and stale["structuredContent"]["type"].endswith("#changed"), stale
+        for each in contents(panda.browser):
+            if "late" in panda.browser.http.get(each).text:
+                panda.browser.http.delete(each)
+        done = model.call("act", action=action, body=body)
+    assert not done["isError"], done
+    assert done["structuredContent"]["plannedBecause"]
+    assert used[0] == shown["plan"] and len(set(used)) == 2, "the plan of the rehearsal of the tool act is used"
+
+
 def test_a_client_keeps_a_few_plans_only(panda: Arm) -> None:
     body, first = rehearsed(panda)
     for _ in range(kept_plans.MOST_OF_ONE):
@@ -400,3 +430,20 @@ def test_constraints_need_a_path_and_a_sense(panda: Arm) -> None:
     assert inside_out.status_code == 422 and "x from 1 m to -1 m" in inside_out.json()["detail"]
     still = constrained(panda, {7: 0.0}, tip=f"{panda.root}panda_link3", upright=quantity(10, "DEG"))
     assert still.status_code == 422 and "does not move panda_link3" in still.json()["detail"]
+
+
+def test_a_robot_that_stands_in_something_is_told_what_it_is(panda: Arm) -> None:
+    put_object(panda.browser, crate("stuck", 0.31, 0.0, 0.52, size_mm=60))
+    refused = panda.post("moveJoints", panda.body(BESIDE, "Planned"), "dry-run")
+    said = refused.json()
+    assert refused.status_code == 409 and said["type"].endswith("#start-blocked"), said
+    assert said["names"][1] == "stuck (obstacle)" and "lf:mayTouch" in said["detail"]
+
+
+def test_what_is_in_the_way_of_a_path_that_was_not_found_is_named(panda: Arm, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(planner, "SEARCH_S", 1e-6)
+    refused = panda.post("moveJoints", panda.body(BESIDE, "Planned"), "dry-run")
+    said = refused.json()
+    assert refused.status_code == 409 and said["type"].endswith("#no-path-found"), said
+    assert said["names"] == ["panda_link7 of panda", "crate (obstacle)"]
+    assert said["detail"].endswith("On the direct path panda_link7 of panda would meet crate (obstacle).")

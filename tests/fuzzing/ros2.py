@@ -1,5 +1,6 @@
-"""Messages from the ROS side of a robot, passed to the functions of its driver, without a session or threads."""
+"""Messages and tokens of the ROS side of a robot, passed to the functions of its driver, without session or threads."""
 
+import json
 import math
 import struct
 from collections.abc import Callable
@@ -11,17 +12,44 @@ from fuzzing.findings import Tally, in_process
 from linked_fleet_agent.robot import Facts, RobotFaultError
 from linked_fleet_agent.robots.ros2 import cdr
 from linked_fleet_agent.robots.ros2.address import AddressError, parse_address
+from linked_fleet_agent.robots.ros2.finding import facts_of
 from linked_fleet_agent.robots.ros2.graph import ReceivedMessage
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints
-from linked_fleet_agent.robots.ros2.robot import facts_of
 from linked_fleet_agent.robots.ros2.state_layouts import JointStateReader
+from linked_fleet_agent.robots.ros2.transports import DdsBridge, RmwZenoh, Transport, is_bridge
 from linked_fleet_agent.urdf import UrdfError, joints_of
 from ros2_robot import STORE, URDF, joint_state, text
+from ros_recording import RECORDING
 
 _JOINTS = ("pan", "lift", "grip", "thumb_grip")
 _WORDS = (0, 1, 2, 3, 4, 5, 7, 8, 1024, 1025, 65_536, 2**31 - 1, 2**31, 2**32 - 8, 2**32 - 1)
 _HEADS = (b"\0\0\0\0", b"\0\1\0\0", b"\0\1\0\3", b"\0\2\0\0", b"\0\3\0\0", b"\0\7\0\0", b"\0\x0b\0\0", b"\1\0\0\0", b"")
 _ADDRESS = "ros2:tcp/192.0.2.1:7447?domain=1&namespace=/a&states=b&commands=c:pan;lift&commands=/d/t:grip&stale=1.5"
+_TOKENS = [
+    token for said in json.loads(RECORDING.read_text(encoding="utf-8")).values() for token in said.get("tokens", ())
+]
+_TRANSPORTS: tuple[Transport, ...] = (RmwZenoh(0, "abc", "driver"), DdsBridge())
+_PARTS = (
+    "",
+    "0",
+    "MP",
+    "MS",
+    "SS",
+    "SC",
+    "AS",
+    "NN",
+    "%",
+    "%a%b",
+    "§",
+    "a§b",
+    "*",
+    "**",
+    "$*",
+    "..",
+    "é",
+    "::,1:,:,:,,",
+    "@ros2_lv",
+)
 
 
 def run(count: int, seed: int, first: int = 0) -> Tally:
@@ -84,6 +112,16 @@ class RosSide:
         for name in (address.states, address.description, *(one.topic for one in address.controllers)):
             assert name.startswith("/") and not set(name) & set("*$?#% ") and "//" not in name, name
 
+    def token(self, random: Random) -> None:
+        """Check that whatever a token offers has a key of its transport that stands for nothing else."""
+        token = _token(random)
+        is_bridge(token)
+        for transport in _TRANSPORTS:
+            for offer in transport.offers_of(token):
+                key = transport.key(offer.interface, offer.key_hash)
+                assert key.split("/") and all(key.split("/")) and not set(key) & set("*$?#%§ "), key
+                assert len(offer.interface.name) <= 255 and len(key) <= 1024, token
+
     def types(self, random: Random) -> None:
         """Pass a message, a description or a file of types, or a configuration."""
         take = random.choices(_OF_TYPES, _WEIGHTS_OF_TYPES)[0]
@@ -114,6 +152,22 @@ def torn(random: Random, payload: bytes) -> bytes:
     return payload[: random.randrange(len(payload) + 1)] if how == 4 else mutation.raw(random, payload)
 
 
+def _token(random: Random) -> str:
+    """Return a token that was recorded, or one with other parts, or mutated."""
+    token: str = random.choice(_TOKENS)
+    how = random.randrange(4)
+    if how == 0:
+        return token
+    if how == 1:
+        return mutation.raw(random, token.encode()).decode("utf-8", "replace")
+    parts = token.split("/")
+    for _ in range(random.randint(1, 3)):
+        parts[random.randrange(len(parts))] = random.choice(
+            (*_PARTS, random.choice(parts), "x" * random.choice((64, 300, 2000)))
+        )
+    return "/".join(parts)
+
+
 def _good_state(random: Random) -> bytes:
     names = random.sample((*_JOINTS, "wheel", "é", ""), random.randint(0, 7)) or [str(n) for n in range(1200)]
     rows = ([_number(random) for _ in names] if random.random() < 0.8 else [] for _ in range(3))
@@ -131,7 +185,8 @@ _CASES: tuple[Callable[[RosSide, Random], None], ...] = (
     RosSide.types,
     RosSide.description,
     RosSide.address,
+    RosSide.token,
 )
-_WEIGHTS = (50, 30, 10, 10)
+_WEIGHTS = (45, 30, 10, 5, 10)
 _OF_TYPES = (ros2_types.message, ros2_types.description, ros2_types.interface_file, ros2_types.configuration)
 _WEIGHTS_OF_TYPES = (60, 25, 10, 5)

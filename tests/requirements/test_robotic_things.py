@@ -41,7 +41,17 @@ def _writes(tree: Walk, page: Visited) -> set[str]:
     if page.kind in ("invocation", "subscription", "robot"):  # of a robot once it is offline
         return {"DELETE"}
     lists = any((thing, HYBRIT.subscriptions, page.iri) in tree.pages[str(thing)].graph for thing in _about(page))
-    takes = (LF.objects, LF.rules, LF.missions, LF.queue, LF.schedules, LF.query, LF.savedPoses, LF.notes)
+    takes = (
+        LF.objects,
+        LF.rules,
+        LF.missions,
+        LF.queue,
+        LF.schedules,
+        LF.query,
+        LF.savedPoses,
+        LF.notes,
+        LF.stopLatches,
+    )
     members = any((thing, each, page.iri) in tree.pages[str(thing)].graph for thing in _about(page) for each in takes)
     return {"POST"} if lists or members else set()
 

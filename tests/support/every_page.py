@@ -79,6 +79,7 @@ def pages_of_each_kind(browser: Browser) -> dict[str, str]:
         "vocabulary": str(root.one(LF.vocabulary)),
         "lease": str(robot.one(LF.lease)),
         "annotations": robot.url + "annotations",
+        "stops that hold": browser.root + "stopLatches",
         "notes": browser.root + "notes",
         "notes of a robot": robot.url + "notes",
         "note": browser.http.post(browser.root + "notes", json={"about": robot.url, "text": "Mind the cable."}).headers[

@@ -80,10 +80,10 @@ class MemoryGraph:
     def close(self) -> None:
         pass
 
-    def offer(self, role: Role, name: str, type: str, latched: bool = False) -> Interface:
-        """Let a node have a publisher, a subscription, a server or a client."""
+    def offer(self, role: Role, name: str, type: str, latched: bool = False, type_hash: str = "") -> Interface:
+        """Let a node have a publisher, a subscription, a server or a client. It may state any hash of its type."""
         interface = Interface(name, type)
-        type_hash = self.types.message(type).hash if self._hashes else ""
+        type_hash = type_hash or (self.types.message(type).hash if self._hashes else "")
         self._offers[Offer(role, interface, type_hash, latched)] = None
         self.version += 1
         return interface

@@ -39,6 +39,10 @@ class UnavailableError(Exception):
     """A robot that cannot be loaded; the message says what is missing and how to get it."""
 
 
+class AwayError(UnavailableError):
+    """A robot that does not answer over the network, and may come at any time."""
+
+
 @dataclass(frozen=True)
 class Model:
     """A demonstration robot: its file in example-robot-data, its title, its pose at the start (rad or m; others 0).
@@ -236,8 +240,8 @@ def load(name: str, source: str, floating: bool = False, roots: MeshRoots = NO_R
     """Create the robot ``name`` from ``source``: a catalogue name, the path of a URDF file, or a ``ros2:`` address.
 
     ``floating`` makes the base of a file a free joint. ``roots`` are further folders of meshes. Raises
-    UnavailableError if the file, the package or MuJoCo is missing, the file cannot be simulated, or the robot does not
-    answer.
+    UnavailableError if the file, the package or MuJoCo is missing or the file cannot be simulated, AwayError if the
+    robot does not answer.
     """
     if source.startswith(SCHEMES):
         return _find(name, source, floating, roots)
@@ -324,7 +328,9 @@ def _find(name: str, source: str, floating: bool, roots: MeshRoots) -> Robot:
     address, find = _address(name, source, floating), _ros2_driver()
     try:
         return find(name, address, roots=roots)
-    except (AddressError, ConnectionError, TimeoutError) as error:
+    except (ConnectionError, TimeoutError) as error:
+        raise AwayError(f"{name}: {error}") from error
+    except AddressError as error:
         raise UnavailableError(f"{name}: {error}") from error
 
 

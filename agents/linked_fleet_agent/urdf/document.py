@@ -23,7 +23,6 @@ _MARKS: Final = (
     (b"\x00<\x00?", "utf-16-be"),
 )
 _DECLARED: Final = re.compile(rb"\s*<\?xml[^>]{0,100}?encoding\s*=\s*[\"']([A-Za-z0-9._-]{1,40})[\"']")
-_COMMENT: Final = re.compile(r"<!--.*?-->", re.DOTALL)
 _EXPRESSION: Final = re.compile(r"\$[{(][^})]{0,60}[})]?")
 _READ: Final = ("link", "joint", "material")
 
@@ -80,11 +79,16 @@ def _read(text: str) -> tuple[Element, XmlReader]:
     except expat.ExpatError:
         # Two hyphens in a comment are common, and well-formed to the readers of ROS.
         reader = XmlReader("URDF")
-        return reader.read_or_refuse(_COMMENT.sub(_blank, text)), reader
+        return reader.read_or_refuse(_without_comments(text)), reader
 
 
-def _blank(comment: re.Match[str]) -> str:
-    return "\n" * comment[0].count("\n")
+def _without_comments(text: str) -> str:
+    """Return the text with the line ends of comments alone. A comment that does not end stays, and is searched once."""
+    parts, at = list[str](), 0
+    while (begin := text.find("<!--", at)) >= 0 and (end := text.find("-->", begin + 4)) >= 0:
+        parts += text[at:begin], "\n" * text.count("\n", begin, end)
+        at = end + 3
+    return "".join((*parts, text[at:]))
 
 
 def _refuse_xacro(root: Element, prefixes: set[str]) -> None:

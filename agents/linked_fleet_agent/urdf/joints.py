@@ -184,7 +184,7 @@ def _mimic(element: Element, name: str, findings: Findings) -> tuple[Mimic | Non
 
 def _with_leader(joint: Joint, joints: dict[str, Joint]) -> Joint:
     """Return the joint; if its mimic leads to no joint that moves by itself, without it and refused."""
-    names, one = [joint.name], joint
+    names, one = {joint.name}, joint
     while one.mimic is not None:
         leader = joints.get(one.mimic.joint)
         if leader is None or not leader.movable or leader.name in names:
@@ -192,6 +192,6 @@ def _with_leader(joint: Joint, joints: dict[str, Joint]) -> Joint:
             which = "" if fault == "itself" else ", which is no joint of this robot that moves"
             of = "it" if one is joint else f"joint {one.name!r}, which it follows,"
             return replace(joint, mimic=None, refusal=joint.refusal or f"{of} mimics {fault}{which}")
-        names.append(leader.name)
+        names.add(leader.name)
         one = leader
     return joint

@@ -7,6 +7,8 @@ from xml.parsers import expat
 MAX_CHARACTERS: Final = 8_000_000
 MAX_DEPTH: Final = 64
 MAX_ELEMENTS: Final = 50_000
+MAX_ATTRIBUTES: Final = 200_000
+"""Most attributes, counted by equals signs before anything is read: the parser makes all of an element at once."""
 
 
 class XmlError(ValueError):
@@ -33,6 +35,8 @@ class XmlReader:
         """Return the root of all of the text. Raises ExpatError for XML that is not well-formed, XmlError."""
         start = text.lstrip("\ufeff \t\r\n")
         self._skipped = text.count("\n", 0, len(text) - len(start))
+        if (stated := text.count("=")) > MAX_ATTRIBUTES:
+            raise XmlError(f"it has {stated} equals signs; a {self._what} has at most {MAX_ATTRIBUTES} attributes")
         try:
             self._parser.Parse(start.rstrip("\x00 \t\r\n"), True)
         except expat.ExpatError as error:

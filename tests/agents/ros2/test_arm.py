@@ -1,5 +1,8 @@
 """An arm of ROS with controllers and a gripper, in a graph in memory, on virtual time."""
 
+import math
+from typing import Any
+
 import pytest
 
 from linked_fleet_agent.robots.ros2.goals import ABORTED, SUCCEEDED
@@ -47,6 +50,33 @@ async def test_a_motion_is_a_goal_with_result() -> None:
         assert arm.arm.statuses == {goal_id: SUCCEEDED}
         assert bench.end("m").state == "succeeded", bench.end("m")
         assert arm.sent() == []
+        assert goal["goal_tolerance"] == [], "that of the controller"
+
+
+async def test_the_tolerance_of_the_address_is_that_of_goals() -> None:
+    arm = MemoryArm()
+    async with ArmBench(arm, "?tolerance=0.01") as bench:
+        bench.move("m", pan=0.5)
+        await bench.run(0.1)
+        assert arm.arm is not None
+        [goal] = arm.arm.goals.values()
+        said = [(each["name"], each["position"]) for each in goal["goal_tolerance"]]
+        assert said == [("pan", 0.01), ("lift", 0.01)]
+
+
+async def test_a_controller_that_does_not_say_why_has_told_where_the_joints_were() -> None:
+    arm = MemoryArm()
+    async with ArmBench(arm) as bench:
+        bench.move("m", pan=0.5)
+        await bench.run(0.1)
+        assert arm.arm is not None
+        goal_id = next(iter(arm.arm.goals))
+        errors = {"positions": [0.02, -0.31, math.inf]}
+        arm.arm.tell(goal_id, joint_names=["pan", "lift", "more"], error=errors)
+        arm.arm.end(goal_id, ABORTED, error_code=-4)
+        await bench.run(0.2)
+        said = "the path tolerance is violated (lift was 0.31 off its trajectory)"
+        assert bench.end("m").reason == f"{arm.arm.name}: {said}"
 
 
 @pytest.mark.parametrize(
@@ -173,6 +203,46 @@ async def test_a_gripper_whose_joint_turns_has_no_width() -> None:
         await bench.run(0.2)
         [goal] = arm.hand.goals.values()
         assert goal == {"command": {"position": 0.08, "max_effort": 0.0}}
+
+
+def serve_parameters(arm: MemoryArm, node: str, **values: dict[str, Any]) -> None:
+    """Let a node answer as those of rclcpp do: it tells of none if it lacks one."""
+
+    def answer(asked: dict[str, Any]) -> dict[str, Any]:
+        known = set(asked["names"]) <= values.keys()
+        return {"values": [values[name] for name in asked["names"]] if known else []}
+
+    arm.graph.serve(f"{node}/get_parameters", "rcl_interfaces/srv/GetParameters", answer)
+
+
+async def test_a_gripper_controller_that_nobody_lists_says_its_joint() -> None:
+    arm = MemoryArm(manager=False)
+    serve_parameters(arm, "/gripper_controller", joint={"type": 4, "string_value": "finger"})
+    async with ArmBench(arm) as bench:
+        assert bench.value("gripper", "width") == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("action", ["/fr3_gripper/gripper_action", "/gripper_action", "/ns/gripper_action"])
+async def test_the_gripper_of_franka_says_its_joints_beside_its_action(action: str) -> None:
+    """Older releases have the action below the node, newer ones beside it."""
+    arm = MemoryArm()
+    arm.graph.leave(*arm.hand.names)
+    MemoryAction(arm.graph, action, "control_msgs/action/GripperCommand")
+    node = "/ns/franka_gripper" if action.startswith("/ns") else "/fr3_gripper"
+    serve_parameters(arm, node, joint_names={"type": 9, "string_array_value": ["finger", "mimic"]})
+    serve_parameters(arm, "/robot_state_publisher", joints={"type": 9, "string_array_value": ["lift"]})
+    async with ArmBench(arm) as bench:
+        assert bench.value("gripper", "width") == pytest.approx(0.04)
+
+
+async def test_two_nodes_beside_an_action_that_name_different_joints_name_none() -> None:
+    arm = MemoryArm()
+    arm.graph.leave(*arm.hand.names)
+    MemoryAction(arm.graph, "/gripper_action", "control_msgs/action/GripperCommand")
+    for side, joint in (("left", "finger"), ("right", "lift")):
+        serve_parameters(arm, f"/{side}_gripper", joint_names={"type": 9, "string_array_value": [joint]})
+    async with ArmBench(arm) as bench:
+        assert any("does not say which joint" in each for each in bench.value("driver", "missing"))
 
 
 async def test_a_gripper_whose_joint_nobody_states_is_left_out_and_said() -> None:

@@ -2,6 +2,7 @@
 
 import asyncio
 import math
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from linked_fleet_agent.motion import State
 from linked_fleet_agent.robots.ros2.configuration import Configuration, read_configuration
 from linked_fleet_agent.robots.ros2.exposure import Exposed, expose
 from linked_fleet_agent.robots.ros2.goals import ABORTED, CANCELED, EXECUTING, goal_id_of
-from linked_fleet_agent.robots.ros2.types import MessageTypes
+from linked_fleet_agent.robots.ros2.types import GET_TYPE_DESCRIPTION, MessageTypes
 from linked_fleet_agent.wire.components import Values
 from linked_fleet_agent.wire.messages import Accepted, Refused
 from memory_ros import MemoryAction, MemoryGraph
@@ -503,6 +504,24 @@ async def test_a_type_that_only_its_node_knows_is_described_by_it(
     assert list(said.properties["state"].schema.properties) == ["on", "level", "name"]
     assert said.actions["count"].result is not None
     assert made.findings == [] and graph.calls[0][0] == "/lamp/node/get_type_description"
+
+
+HASH = f"RIHS01_{'0' * 64}"
+
+
+async def test_nodes_that_do_not_describe_types_cost_a_bounded_time(graph: MemoryGraph) -> None:
+    """A hundred types and forty nodes, which are silent or refuse: each silent one is waited for once."""
+    for number in range(100):
+        graph.offer("publisher", f"/lamp/t{number}", f"test_msgs/msg/Lamp{number}", type_hash=HASH)
+    for number in range(20):
+        graph.serve(f"/lamp/n{number}/get_type_description", GET_TYPE_DESCRIPTION, lambda _: None)
+        graph.serve(f"/lamp/r{number}/get_type_description", GET_TYPE_DESCRIPTION, lambda _: {"successful": False})
+    begun_s = time.monotonic()
+    made = await expose(graph, MessageTypes(), read_configuration(None, expose=["/lamp/t*"]))
+    assert made.components == [] and len(made.findings) == 100
+    assert time.monotonic() - begun_s < 30.0
+    silent = [name for name, _ in graph.calls if name.startswith("/lamp/n")]
+    assert len(silent) == len(set(silent))
 
 
 @pytest.mark.parametrize(

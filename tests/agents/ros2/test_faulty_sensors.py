@@ -14,8 +14,9 @@ import pytest
 from linked_fleet_agent.agent import Agent
 from linked_fleet_agent.robot import Facts
 from linked_fleet_agent.robots.ros2.address import parse_address
+from linked_fleet_agent.robots.ros2.finding import facts_of
 from linked_fleet_agent.robots.ros2.graph import Graph, Mailbox, ReceivedMessage
-from linked_fleet_agent.robots.ros2.robot import Ros2Robot, facts_of
+from linked_fleet_agent.robots.ros2.robot import Ros2Robot
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import Accepted, Command, Move, Progress, Refused, Reply, State, Stop
 from ros2_robot import STORE, joint_state, text

@@ -6,8 +6,8 @@ import pytest
 
 from linked_fleet_agent.mesh_files import NO_ROOTS, MeshRoots
 from linked_fleet_agent.robots.ros2.address import Address
+from linked_fleet_agent.robots.ros2.finding import facts_of, with_meshes
 from linked_fleet_agent.robots.ros2.graph import ReceivedMessage
-from linked_fleet_agent.robots.ros2.robot import facts_of, with_meshes
 from mesh_package import PACKAGE, robot, write
 from ros2_robot import text
 

@@ -68,6 +68,19 @@ async def test_the_base_is_where_frames_say(prefix: str) -> None:
         assert bench.value("navigation", "mapPose") == {"x": 4.0, "y": 2.0, "heading": 1.5708}
 
 
+async def test_the_base_is_where_the_newest_frames_say_and_nowhere_without_them() -> None:
+    cart = MemoryCart()
+    async with ArmBench(cart) as bench:
+        cart.at = (5.0, 2.0, 0.0)
+        await bench.run(0.1)
+        said = bench.link.states[-1].base
+        assert said is not None and said.position_m[0] == pytest.approx(5.0)
+        cart.graph.cut = True
+        await bench.run(0.6)
+        said = bench.link.states[-1].base
+        assert said is not None and math.isnan(said.position_m[0])
+
+
 async def test_limits_and_outline_are_those_of_nav2() -> None:
     async with ArmBench(MemoryCart()) as bench:
         limits = bench.value("mobile_base", "driveLimits")

@@ -1,6 +1,7 @@
 """What real programs of ROS 2 said (peers/recording.json) is what the driver reads and writes, byte for byte."""
 
 import json
+import re
 from typing import Any
 
 import pytest
@@ -10,10 +11,15 @@ from linked_fleet_agent.robots.ros2.transports import DdsBridge, RmwZenoh, Trans
 from linked_fleet_agent.robots.ros2.types import MessageTypes
 from ros_peers import SOURCES
 from ros_recording import GID, GOAL, NO_GOAL, OTHER_GOAL, RECORDING
+from running import ROOT
 
 SAID = json.loads(RECORDING.read_text(encoding="utf-8"))
 TYPES = MessageTypes([SOURCES / "interfaces_of_tests", SOURCES / "interfaces_of_rclpy"], preferred="kilted")
 TRANSPORTS: dict[str, Transport] = {"rmw_zenoh": RmwZenoh(0), "humble": RmwZenoh(0), "bridge": DdsBridge()}
+DRIVER = ROOT / "agents/linked_fleet_agent/robots/ros2"
+_TYPE = re.compile(r'"([a-z][a-z0-9_]*/(?:msg|srv|action)/[A-Za-z0-9]+)"')
+WITHOUT_WHEELS = ("control_msgs", "controller_manager_msgs", "nav2_msgs", "tf2_msgs", "ur_dashboard_msgs")
+"""Packages of messages that rosbags and hiroz write instead: see test_serialization.py and peers/README.md."""
 ZERO_STAMP = {"sec": 0, "nanosec": 0}
 FIBONACCI = TYPES.action("test_msgs/action/Fibonacci")
 CANCEL = TYPES.service("action_msgs/srv/CancelGoal")
@@ -56,6 +62,14 @@ def test_a_message_of_rclpy_is_read_and_written_byte_for_byte(name: str) -> None
     written = type_.write(said["value"])
     padding = len(cdr) - len(written)
     assert written + bytes(padding) == cdr and padding < 4
+
+
+def test_every_message_that_the_driver_names_is_one_of_these_if_a_wheel_has_it() -> None:
+    named = {name for path in DRIVER.glob("*.py") for name in _TYPE.findall(path.read_text(encoding="utf-8"))}
+    parts = [f"{name}{part}" for name in named for part in (("_Request", "_Response") if "/srv/" in name else ("",))]
+    assert sorted(each for each in parts if each.split("/")[0] not in WITHOUT_WHEELS) == sorted(
+        each for each in parts if each in SAID["messages"]
+    )
 
 
 @pytest.mark.parametrize("name", [name for name, said in SAID["messages"].items() if said["hash"]])

@@ -80,6 +80,27 @@ def test_a_mimic_joint_moves_but_takes_no_commands() -> None:
     assert not one.commandable
 
 
+def test_two_hyphens_in_a_comment_are_read_and_lines_are_counted_past_it() -> None:
+    comment = "<!-- a -- b\n-->"
+    assert RobotModel.parse(robot(f"{comment}{PAIR}{comment}{joint()}")).joints["j"].parent == "a"
+    with pytest.raises(UrdfError, match="line 3"):
+        RobotModel.parse(f"<robot name='r'>{comment}{comment}</x></robot>")
+
+
+def test_mimics_of_mimics_are_followed_to_the_end_of_a_long_chain() -> None:
+    links = "".join(f"<link name='l{i}'/>" for i in range(1025))
+    mimics = ["", *(f"<mimic joint='j{i}'/>" for i in range(1023))]
+    chain = "".join(
+        f"<joint name='j{i}' type='revolute'><parent link='l{i}'/><child link='l{i + 1}'/>"
+        f"<limit lower='-1' upper='1'/>{mimic}</joint>"
+        for i, mimic in enumerate(mimics)
+    )
+    joints = RobotModel.parse(robot(links + chain)).joints
+    assert not any(each.refusal for each in joints.values())
+    last = joints["j1023"].mimic
+    assert last is not None and last.joint == "j1022"
+
+
 def test_a_joint_and_a_link_may_share_a_name() -> None:
     model = RobotModel.parse(robot(PAIR + joint(name="b")))
     assert model.joints["b"].child == model.links["b"].name == "b"
@@ -130,6 +151,8 @@ def test_an_indefinite_inertia_is_described_and_no_error() -> None:
         (f"<robot name='r'>{'<a>' * 5000}{'</a>' * 5000}</robot>", "nested deeper than 64"),
         (f"<robot name='r'>{'<a/>' * 200_000}</robot>", "more than 50000 elements"),
         (f"<robot name='r'>{' ' * 8_000_000}</robot>", "8000024 characters"),
+        ("<robot " + " ".join(f"a{i}=''" for i in range(200_001)) + "/>", "has at most 200000 attributes"),
+        (f"<robot name='r'>{'<!--' * 1_900_000}</robot>", "no well-formed XML"),
     ],
 )
 def test_a_broken_urdf_is_refused_with_a_sentence(text: str, sentence: str) -> None:

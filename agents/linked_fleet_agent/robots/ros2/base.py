@@ -39,13 +39,18 @@ class Whereabouts:
     def __init__(self, root: str, odometry: Inbox | None, dynamic: Inbox, static: Inbox) -> None:
         self._root, self._odometry, self._dynamic, self._static = root, odometry, dynamic, static
         self.frames = Frames()
+        self._found = dict[str, tuple[Transform, float] | None]()
+        """The poses in frames by their usual names, and the times of their oldest parts, since frames came last."""
 
     def update(self) -> None:
         """Take the messages that have arrived."""
-        for each in self._static.fetch():
+        static, dynamic = self._static.fetch(), self._dynamic.fetch()
+        for each in static:
             self.frames.update(each, math.inf)
-        for each in self._dynamic.fetch():
+        for each in dynamic:
             self.frames.update(each, self._dynamic.at_s)
+        if static or dynamic:
+            self._found.clear()
         if self._odometry is not None:
             self._odometry.newest()
 
@@ -79,11 +84,16 @@ class Whereabouts:
         return Base(pose.position, pose.rotation, linear, angular)
 
     def _above(self, name: str, now_s: float) -> Transform | None:
+        if name not in self._found:
+            self._found[name] = self._pose_in(name)
+        found = self._found[name]
+        return found[0] if found is not None and now_s - found[1] <= STALE_S else None
+
+    def _pose_in(self, name: str) -> tuple[Transform, float] | None:
         root = self.frames.prefix_of(self._root) + self._root
         for frame in self.frames.above(root):
             if frame == name or frame.endswith((f"/{name}", f"_{name}")):
-                found = self.frames.pose(root, frame)
-                return found[0] if found is not None and now_s - found[1] <= STALE_S else None
+                return self.frames.pose(root, frame)
         return None
 
     def _measured(self, now_s: float) -> Transform | None:

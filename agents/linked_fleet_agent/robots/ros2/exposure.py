@@ -21,7 +21,7 @@ from linked_fleet_agent.robots.ros2.configuration import (
     PropertyEntry,
 )
 from linked_fleet_agent.robots.ros2.definitions import DefinitionError
-from linked_fleet_agent.robots.ros2.describing import describe
+from linked_fleet_agent.robots.ros2.describing import Describing
 from linked_fleet_agent.robots.ros2.goals import ActionClient
 from linked_fleet_agent.robots.ros2.graph import Graph, Offer
 from linked_fleet_agent.robots.ros2.members import (
@@ -138,6 +138,7 @@ class _Maker:
     ) -> None:
         self._graph, self._types, self._configuration, self._reserved = graph, types, configuration, reserved
         self._made, self._publishers, self._bytes = made, Publishers(graph), 0
+        self._describing = Describing(graph, types)
         self.components = dict[str, RosComponent]()
 
     async def add(self, selected: Selected) -> None:
@@ -187,7 +188,7 @@ class _Maker:
         try:
             return find(name, argument)
         except DefinitionError:
-            await describe(self._graph, self._types, name, selected.entry.ros_name, hashes)
+            await self._describing.describe(name, selected.entry.ros_name, hashes)
             return find(name, argument)
 
     def _component(self, name: str) -> RosComponent:

@@ -38,7 +38,7 @@ def types_of(address: Address) -> MessageTypes:
 
 async def open_session(name: str, address: Address, hash_of: Callable[[str], str], deadline_s: float) -> RosSession:
     """Open the session of an address. Raises ConnectionError if its endpoint does not answer in time."""
-    _log.info("%s: waiting for %s at %s", name, address.description, address.endpoint)
+    _log.debug("%s: waiting for %s at %s", name, address.description, address.endpoint)
     while True:
         try:
             return await asyncio.to_thread(
@@ -104,11 +104,11 @@ def facts_of(name: str, arrived: ReceivedMessage) -> Facts:
     if arrived.payload is None:
         raise cdr.CdrError("it is too long")
     urdf = cdr.read_string(arrived.payload)
-    joints = joints_of(urdf)
+    model, joints = RobotModel.for_urdf(urdf), joints_of(urdf)
     names = {joint.name for joint in joints}
     if not 0 < len(names) == len(joints) <= cdr.MAX_JOINTS:
         raise UrdfError(f"{len(joints)} joints with {len(names)} different names are not the joints of a robot")
-    return Facts(RobotModel.for_urdf(urdf).name[:_LONGEST_TITLE], urdf, joints)
+    return Facts(model.name[:_LONGEST_TITLE], urdf, joints)
 
 
 def with_meshes(name: str, facts: Facts, address: Address, roots: MeshRoots) -> Facts:

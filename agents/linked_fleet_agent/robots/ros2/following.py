@@ -27,10 +27,14 @@ _ERRORS = {
 
 @dataclass
 class Way:
-    """A controller that follows goals. ``answers`` is False while its action server does not answer."""
+    """A controller that follows goals. ``answers`` is False while its action server does not answer.
+
+    Goals have a ``tolerance`` (rad or m) at their end; None leaves it to the controller.
+    """
 
     client: ActionClient
     joints: tuple[str, ...]
+    tolerance: float | None = None
     answers: bool = True
 
 
@@ -127,12 +131,14 @@ class Following:
         """Let one controller follow trajectories. Return why it has not reached their ends, or an empty string."""
         goal_id = _goal_of(id, way)
         try:
-            await way.client.send(goal_id, goal_of(trajectories))
+            await way.client.send(goal_id, goal_of(trajectories, way.tolerance))
             end = await way.client.result(goal_id)
         except GoalError as error:
             await self._cancel(way.client, goal_id)
             return str(error)
-        return "" if end.status == SUCCEEDED and not end.result["error_code"] else _reason(way.client.name, end.result)
+        if end.status == SUCCEEDED and not end.result["error_code"]:
+            return ""
+        return _reason(way.client.name, end.result, way.client.feedback(goal_id))
 
     async def _cancel_unless_replaced(self, way: Way, goal_id: bytes) -> None:
         """Cancel a goal, but not if the next one goes to the same controller: it replaces the goal without a stop."""
@@ -189,17 +195,15 @@ async def _probe(way: Way) -> str:
     return ""
 
 
-def goal_of(trajectories: Mapping[str, Trajectory]) -> dict[str, Any]:
+def goal_of(trajectories: Mapping[str, Trajectory], tolerance: float | None = None) -> dict[str, Any]:
     """Return the goal of a FollowJointTrajectory: points with positions and velocities, of which the cubics through
-    them are the trajectories.
+    them are the trajectories, and the tolerance of each joint at the end.
     """
-    names = list(trajectories)
-    return {
-        "trajectory": {
-            "joint_names": names,
-            "points": [_point(trajectories, at) for at in _times(trajectories.values())],
-        }
-    }
+    points = [_point(trajectories, at) for at in _times(trajectories.values())]
+    goal: dict[str, Any] = {"trajectory": {"joint_names": list(trajectories), "points": points}}
+    if tolerance is not None:
+        goal["goal_tolerance"] = [{"name": name, "position": tolerance} for name in trajectories]
+    return goal
 
 
 def _times(trajectories: Iterable[Trajectory]) -> list[float]:
@@ -232,7 +236,17 @@ def _goal_of(id: str, way: Way) -> bytes:
     return goal_id_of(f"{id} {way.client.name}")
 
 
-def _reason(name: str, result: Mapping[str, Any]) -> str:
+def _reason(name: str, result: Mapping[str, Any], feedback: Mapping[str, Any] | None) -> str:
     code = result["error_code"]
     why = _ERRORS.get(code, "it was ended by another client or by the controller" if not code else f"error {code}")
-    return f"{name}: {why}" + (f" ({result['error_string'][:300]})" if result["error_string"] else "")
+    more = result["error_string"][:300] or _farthest(feedback)
+    return f"{name}: {why}" + (f" ({more})" if more else "")
+
+
+def _farthest(feedback: Mapping[str, Any] | None) -> str:
+    """Return which joint was farthest from its trajectory when the controller told of it last; empty if none was."""
+    if feedback is None:
+        return ""
+    errors = zip(feedback["joint_names"], feedback["error"]["positions"], strict=False)
+    found = max(((abs(error), name) for name, error in errors if math.isfinite(error)), default=(0.0, ""))
+    return f"{found[1]:.128} was {found[0]:.3g} off its trajectory" if found[0] else ""

@@ -17,7 +17,6 @@ from linked_fleet_agent.robots.ros2.controllers import Controllers
 from linked_fleet_agent.robots.ros2.finding import (
     controllers_of,
     described,
-    facts_of,
     joints_of_controller,
     listen_to_descriptions,
     open_session,
@@ -27,9 +26,10 @@ from linked_fleet_agent.robots.ros2.finding import (
     with_controllers,
     with_meshes,
 )
-from linked_fleet_agent.robots.ros2.graph import Graph, Interface, Mailbox, Outlet, ReceivedMessage
+from linked_fleet_agent.robots.ros2.graph import Graph, Interface, Mailbox, Outlet
 from linked_fleet_agent.robots.ros2.inbox import TypedInbox
 from linked_fleet_agent.robots.ros2.joints import JointStates, TrajectoryPoints, time_from_start_s
+from linked_fleet_agent.robots.ros2.new_descriptions import NewDescriptions
 from linked_fleet_agent.robots.ros2.own_graph import OwnGraph
 from linked_fleet_agent.robots.ros2.parts import Parts
 from linked_fleet_agent.robots.ros2.search import find_parts
@@ -38,7 +38,7 @@ from linked_fleet_agent.robots.ros2.state_layouts import JointStateReader
 from linked_fleet_agent.robots.ros2.types import MessageTypes
 from linked_fleet_agent.sensors import JointSensor
 from linked_fleet_agent.trajectory import Trajectory
-from linked_fleet_agent.urdf import RobotModel, UrdfError
+from linked_fleet_agent.urdf import RobotModel
 from linked_fleet_agent.wire.components import BASE
 
 _log = logging.getLogger(__name__)
@@ -48,10 +48,6 @@ TIMEOUT_S = 5.0
 _SETTLE_S = 2.0
 _LOOK_S = 0.02
 _MOST_PUBLISHERS = 16
-_REST = 50.0
-"""After a description was judged, the next one waits for so many times as long: a flood costs 2 % of the time."""
-_CDR_ROOM = 16
-"""More bytes than CDR needs around the text of a std_msgs/String: head, length, zero byte and padding."""
 MOST_STATE_BYTES_S = 2_097_152
 """Bytes of joint states that are decoded in a second: those of 40 joints at 1 kHz."""
 _RESTING_S = 3.0
@@ -77,8 +73,7 @@ class Ros2Robot:
         self._parts = parts or Parts()
         if self._parts.whereabouts is not None:
             self._facts = replace(self._facts, floating=True)
-        self._descriptions, self._refused = descriptions, ""
-        self._own_text = facts.urdf.encode()
+        self._descriptions = NewDescriptions(name, facts, descriptions)
         self._limits = {joint.name: joint.limits for joint in self._facts.joints}
         joints = RobotModel.for_urdf(facts.urdf).joints
         mimics = {joint.name: joint.mimic for joint in joints.values() if joint.mimic is not None}
@@ -93,9 +88,8 @@ class Ros2Robot:
         self._parts.position = lambda joint: self._states.position(joint, time.monotonic())
         self._parts.bad_states = lambda: self.bad_messages
         self._last_known = dict[str, float]()
-        self._bad_descriptions = 0
         self._stamps = dict[tuple[str, ...], Stamps]()
-        self._read_s = self._cycle_s = self._look_again_s = 0.0
+        self._read_s = self._cycle_s = 0.0
         self._commanded_s = -math.inf
 
     @classmethod
@@ -139,7 +133,8 @@ class Ros2Robot:
         facts = with_meshes(name, await described(name, address, graph, descriptions, deadline_s), address, roots)
         await settled(graph)
         controllers = await controllers_of(graph, types, address, facts)
-        parts = await find_parts(OwnGraph(graph, types, address.namespace), facts, controllers, configuration)
+        own = OwnGraph(graph, types, address.namespace)
+        parts = await find_parts(own, facts, controllers, configuration, address.tolerance)
         robot = cls(name, address, facts, graph, descriptions, controllers, parts)
         await robot.wait_for_peers()
         return robot
@@ -165,7 +160,7 @@ class Ros2Robot:
         Raises RobotFaultError if none arrived recently or the last description is refused, NewDescriptionError if a
         different one has arrived, or more of the robot was found while it rests.
         """
-        self._check_descriptions()
+        self._descriptions.check()
         here_s = time.monotonic()
         self._cycle_s, self._read_s = here_s - self._read_s, here_s
         if self._parts.anew and here_s - self._commanded_s > _RESTING_S and not self._parts.is_busy:
@@ -239,7 +234,7 @@ class Ros2Robot:
     @property
     def bad_messages(self) -> int:
         """Joint states and descriptions that could not be read."""
-        return self._inbox.bad_messages + self._bad_descriptions
+        return self._inbox.bad_messages + self._descriptions.bad_messages
 
     def close(self) -> None:
         self._graph.close()
@@ -280,41 +275,6 @@ class Ros2Robot:
         measured = {name: self._states.position(name, now_s) for name in self._limits}
         self._last_known.update({name: at for name, at in measured.items() if not math.isnan(at)})
         return measured
-
-    def _check_descriptions(self) -> None:
-        newest = self._descriptions.newest
-        if newest is not None and self._is_own(newest.payload):
-            self._descriptions.fetch()
-            self._refused = ""
-        elif newest is not None and time.monotonic() >= self._look_again_s:
-            begun_s, arrived = time.monotonic(), self._descriptions.fetch()
-            while arrived and not self._judge(arrived.pop()):
-                pass
-            ended_s = time.monotonic()
-            self._look_again_s = ended_s + _REST * (ended_s - begun_s)
-        if self._refused:
-            raise RobotFaultError(self._refused)
-
-    def _is_own(self, payload: bytes | None) -> bool:
-        """Return whether this message has the text of this robot's description, which costs next to nothing."""
-        room = 0 if payload is None else len(payload) - len(self._own_text)
-        return payload is not None and 0 < room < _CDR_ROOM and self._own_text in payload
-
-    def _judge(self, arrived: ReceivedMessage) -> bool:
-        """Return whether this is a description at all. Raises NewDescriptionError for a good one that is another."""
-        try:
-            if arrived.payload is None or cdr.read_string(arrived.payload) != self._facts.urdf:
-                facts_of(self._name, arrived)
-                raise NewDescriptionError("the robot sent a new description")
-            self._refused = ""
-        except cdr.CdrError as error:
-            self._bad_descriptions += 1
-            if self._bad_descriptions.bit_count() == 1:
-                _log.warning("%s: a message that is no description is ignored: %s", self._name, error)
-            return False
-        except UrdfError as error:
-            self._refused = f"the robot sent a new description, which is refused: {error}"
-        return True
 
     def _note_stamp(self, joints: tuple[str, ...], stamp_ns: int, arrived_s: float) -> None:
         """Say once what is wrong with time stamps. Publishers are told apart by their joints."""

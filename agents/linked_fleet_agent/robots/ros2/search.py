@@ -20,7 +20,7 @@ from linked_fleet_agent.robots.ros2.graph import Interface, Role
 from linked_fleet_agent.robots.ros2.inbox import Inbox
 from linked_fleet_agent.robots.ros2.own_graph import OwnGraph
 from linked_fleet_agent.robots.ros2.parts import Parts
-from linked_fleet_agent.robots.ros2.services import NoAnswerError, texts
+from linked_fleet_agent.robots.ros2.services import GET_PARAMETERS, NoAnswerError, texts
 from linked_fleet_agent.robots.ros2.status import RosStatus
 from linked_fleet_agent.urdf import RobotModel
 from linked_fleet_agent.wire.components import BASE
@@ -31,7 +31,7 @@ FRAMES, CLOCK = "tf2_msgs/msg/TFMessage", "rosgraph_msgs/msg/Clock"
 MOST_OF_A_KIND = 8
 ANEW_S = 30.0
 """Least time from the start of a run until another one begins because more of the robot was found."""
-_TRAJECTORY = "/joint_trajectory"
+_TRAJECTORY, _GRIPPER = "/joint_trajectory", "gripper"
 _MADE_FROM: frozenset[tuple[Role, str]] = frozenset(
     {
         *(("publisher", type) for type in (BATTERY, DIAGNOSTICS, SAFETY_MODE, base.ODOMETRY)),
@@ -44,9 +44,18 @@ _MADE_FROM: frozenset[tuple[Role, str]] = frozenset(
 )
 
 
-async def find_parts(own: OwnGraph, facts: Facts, controllers: Controllers, configuration: Configuration) -> Parts:
-    """Return what the graph offers of one robot, and what a configuration makes of the rest of the graph."""
-    found = _Search(own, facts, controllers, configuration)
+async def find_parts(
+    own: OwnGraph,
+    facts: Facts,
+    controllers: Controllers,
+    configuration: Configuration,
+    tolerance: float | None = None,
+) -> Parts:
+    """Return what the graph offers of one robot, and what a configuration makes of the rest of the graph.
+
+    Goals of controllers have the ``tolerance``, if there is one.
+    """
+    found = _Search(own, facts, controllers, configuration, tolerance)
     await found.run()
     return found.parts
 
@@ -54,8 +63,16 @@ async def find_parts(own: OwnGraph, facts: Facts, controllers: Controllers, conf
 class _Search:
     """One search, and what is looked at again while the robot runs."""
 
-    def __init__(self, own: OwnGraph, facts: Facts, controllers: Controllers, configuration: Configuration) -> None:
+    def __init__(
+        self,
+        own: OwnGraph,
+        facts: Facts,
+        controllers: Controllers,
+        configuration: Configuration,
+        tolerance: float | None,
+    ) -> None:
         self._own, self._facts, self._controllers, self._configuration = own, facts, controllers, configuration
+        self._tolerance = tolerance
         self._exposed = Exposed()
         self._missing, self._unanswered = list[str](), list[str]()
         self._made_from, self._before = self._relevant(), frozenset[Interface]()
@@ -124,7 +141,7 @@ class _Search:
         for each in self._controllers.chosen:
             client = offered.get(f"{each.topic.removesuffix(_TRAJECTORY)}/follow_joint_trajectory")
             if client is not None:
-                found.append(Way(client, joints_of_controller(each, self._facts)))
+                found.append(Way(client, joints_of_controller(each, self._facts), self._tolerance))
             else:
                 self._missing.append(f"{each.topic} offers no FollowJointTrajectory; trajectories go to its topic")
         return found
@@ -198,8 +215,9 @@ class _Search:
             node = client.name.rpartition("/")[0]
             moved = await self._joint_of(node)
             if moved not in joints:
+                who = node or "its node"
                 self._missing.append(
-                    f"{client.name} moves a gripper, but {node} does not say which joint; it is left out"
+                    f"{client.name} moves a gripper, but {who} does not say which joint; it is left out"
                 )
                 continue
             claw = gripper.Claw(client, joints[moved], partial(self._position, moved))
@@ -209,12 +227,29 @@ class _Search:
         return movers
 
     async def _joint_of(self, node: str) -> str:
-        """Return the joint of the controller of a gripper: as its manager lists it, or by its parameters."""
+        """Return the joint of the controller of a gripper: as its manager lists it, or by its parameters.
+
+        An action may stand beside its node, as that of Franka's gripper does: then a node there with such a name is
+        asked too.
+        """
         listed = [each for each in self._controllers.listed if f"{self._own.namespace}/{each.name}" == node]
         if listed and listed[0].joints:
             return listed[0].joints[0]
-        said = await self._own.parameters(node, ("joint", "joints"))
-        return str(said.get("joint") or next(iter(texts(said.get("joints"))), ""))
+        stated = [await self._stated_joint(each) for each in (node, *self._grippers_beside(node))]
+        found = list(dict.fromkeys(filter(None, stated)))
+        return stated[0] or (found[0] if len(found) == 1 else "")
+
+    def _grippers_beside(self, path: str) -> list[str]:
+        """Return the nodes directly below a path that are called after a gripper."""
+        services = (each.name for each in self._own.offered("service", GET_PARAMETERS))
+        nodes = (each.rpartition("/")[0] for each in services)
+        beside = sorted({each for each in nodes if each.rpartition("/")[0] == path and _GRIPPER in each})
+        return beside[:MOST_OF_A_KIND]
+
+    async def _stated_joint(self, node: str) -> str:
+        said = await self._own.parameters(node, ("joint", "joints", "joint_names"))
+        several = texts(said.get("joints")) or texts(said.get("joint_names"))
+        return str(said.get("joint") or next(iter(several), ""))
 
     def _position(self, joint: str) -> float:
         return self.parts.position(joint)

@@ -58,6 +58,9 @@ async def parameters_of(graph: Graph, types: MessageTypes, node: str, names: Seq
         return {}
     try:
         answer = await ask(graph, types, service, GET_PARAMETERS, {"names": list(names)})
+        if len(names) > 1 and not answer["values"]:  # a node of rclcpp that lacks one of them tells of none
+            alone = [await parameters_of(graph, types, node, [name]) for name in names]
+            return {name: value for each in alone for name, value in each.items()}
     except NoAnswerError as error:
         _log.info("%s", error)
         return {}

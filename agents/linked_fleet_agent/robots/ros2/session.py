@@ -163,7 +163,8 @@ class RosSession:
             history = ext.HistoryConfig(detect_late_publishers=True, max_samples=1)
             self._keep(ext.declare_advanced_subscriber(self._session, key, take, history=history))
         else:
-            self._keep(self._session.declare_subscriber(key, take))
+            # In the thread of Zenoh that receives: one more thread would wake up for each message.
+            self._keep(self._session.declare_subscriber(key, zenoh.handlers.Callback(take, indirect=False)))
 
     def _show(self, role: Role, topic: Interface, quality: str) -> None:
         """Announce a part of the node to other nodes of rmw_zenoh. A bridge needs no announcement."""

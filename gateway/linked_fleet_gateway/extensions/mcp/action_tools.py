@@ -19,13 +19,15 @@ from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.serving import Reply, stop_segments
 
 _JSON = "application/json"
+_PLAN = "plan"
+"""Member of rehearsals and of bodies: a motion that is kept for a request of that very path."""
 _PAUSE_S, _LOOK_S = 0.1, 1.0
 _LEASE = "the Lock-Token of the control lease of the robot, if you have it"
 
 
 class Rehearse(Tool):
     """Check an action without moving: shape, limits, lease, collisions. The result has the duration of the motion, or
-    the reason for its refusal."""
+    the reason for its refusal. If it has a plan, act with the plan added to the same body takes that very path."""
 
     action: Target = Field(description="IRI or path of an action, as returned by find")
     body: dict[str, Any] = Field(
@@ -39,16 +41,17 @@ class Rehearse(Tool):
         return content_result(reply, "It would be refused." if refusal else "It would be accepted. Nothing has moved.")
 
     async def _rehearsed(self, context: MessageContext) -> Reply:
-        return await self._invoke(context, "application/ld+json", {"prefer": "dry-run"})
+        return await self._invoke(context, {"prefer": "dry-run"}, self.body)
 
-    async def _invoke(self, context: MessageContext, accept: str, fields: Mapping[str, str]) -> Reply:
+    async def _invoke(self, context: MessageContext, fields: Mapping[str, str], body: Mapping[str, Any]) -> Reply:
         token = self.lock_token or context.request.headers.get("lock-token", "")
         own = {"content-type": _JSON, **({"lock-token": token} if token else {})}
-        return await context.ask("POST", self.action, accept, {**fields, **own}, json.dumps(self.body).encode())
+        return await context.ask("POST", self.action, _JSON, {**fields, **own}, json.dumps(body).encode())
 
 
 class Act(Rehearse):
-    """Invoke an action and wait for its end. It is rehearsed first. Cancelling the request cancels the motion."""
+    """Invoke an action and wait for its end. It is rehearsed first; if the path was planned, that very path is taken.
+    Cancelling the request cancels the motion."""
 
     hints = ToolAnnotations(read_only_hint=False, destructive_hint=True, open_world_hint=True)
     rehearse: bool = Field(True, description="rehearse first, and move nothing if that is refused")
@@ -60,15 +63,17 @@ class Act(Rehearse):
     )
 
     async def run(self, context: MessageContext, progress: Progress) -> CallToolResult:
+        body: Mapping[str, Any] = self.body
         if self.rehearse:
             rehearsed = await self._rehearsed(context)
             if rehearsed.status >= 400:
                 return refusal_result(rehearsed.problem, "The rehearsal was refused. Nothing has moved.")
+            body = self._on_the_path_of(rehearsed)
         fields = {"prefer": "respond-async, return=representation"}
         if self.idempotency_key:
             fields["idempotency-key"] = f'"{self.idempotency_key}"'
         with anyio.CancelScope(shield=True):  # a client that cancels now must learn what has begun
-            reply = await self._invoke(context, _JSON, fields)
+            reply = await self._invoke(context, fields, body)
         iri = reply.headers.get("location", "")
         if reply.status >= 400 or not iri:
             return content_result(reply, f"Its state is at {iri}." if iri else "")
@@ -80,6 +85,15 @@ class Act(Rehearse):
                     await context.ask("POST", iri + "/actions/cancel", _JSON)
             raise
         return _ended(iri, await context.ask("GET", iri, _JSON))
+
+    def _on_the_path_of(self, rehearsed: Reply) -> Mapping[str, Any]:
+        """Return the body with the plan that the rehearsal offers, if its path was planned.
+
+        With an idempotency key it stays as it is, because a repeated call has to send the same request.
+        """
+        said = json.loads(rehearsed.content) if rehearsed.content and "json" in rehearsed.media_type else {}
+        planned = _PLAN in said and "plannedBecause" in said and not self.idempotency_key
+        return {_PLAN: said[_PLAN], **self.body} if planned else self.body
 
 
 class Stop(Tool):

@@ -35,8 +35,14 @@ class GoalBlocked(_InTheWay):
     code, title = "goal-blocked", "Something is where the motion would end"
 
 
+class StartBlocked(_InTheWay):
+    """No path was found, and something is so near where the motion begins that it may be what is in the way."""
+
+    code, title = "start-blocked", "Something is where the motion would begin"
+
+
 class NoPathFound(_InTheWay):
-    """No path was found in the time for the search; there may be one."""
+    """No path was found in the time for the search; there may be one. ``things`` are in the way of the direct path."""
 
     code, title = "no-path-found", "No path was found in time"
 

@@ -23,11 +23,12 @@ from roboplan.core import (
 )
 from roboplan.rrt import RRT, RRTOptions
 
-from linked_fleet_gateway.extensions.planning.clearance import touched
+from linked_fleet_gateway.extensions.planning.clearance import hindered, touched
 from linked_fleet_gateway.extensions.planning.constrained import Corridor
 from linked_fleet_gateway.extensions.planning.keeping import AXES, Keeper
 from linked_fleet_gateway.extensions.planning.messages import BlockedAt, FindPath, NotFound, PathFound, PlanAnswer
 from linked_fleet_gateway.extensions.planning.planner_scene import PlannerScene, SceneWriter
+from linked_fleet_gateway.extensions.planning.refining import refined
 from linked_fleet_gateway.extensions.planning.timing import Timed, fastest, quickly_timed_s
 from linked_fleet_gateway.extensions.world.collision_check import Maps
 from linked_fleet_gateway.extensions.world.held_bodies import Permission, with_held
@@ -45,12 +46,16 @@ from linked_fleet_gateway.extensions.world.surroundings import (
 
 STEP = 0.05
 """Steps in the space of joints (rad, m) at which a path is compared with what is around."""
-IMPROVING_S = 0.12
-"""Time for further searches after the first path."""
+IMPROVING_S, MOST_IMPROVING_S = 0.05, 0.5
+"""Time for further searches after the first path, which have at least as long as the first one took."""
+_DETOUR, _PER_DETOUR_S = 1.2, 0.3
+"""A path that is longer than this times the straight line gets this much more for each further length of the line."""
+REFINING_S = 0.06
+"""Time to refine the best path."""
 _ENOUGH = 1.03
 """A path no longer than this times the straight line is not searched for again."""
 _MOST_TRIES = 24
-_SHORTER_TRIES = 120
+_SHORTER_TRIES = 60
 _FIRST_SHARE = 0.4
 """Share of the time for the first search: a second one with other random numbers may be luckier."""
 
@@ -92,7 +97,11 @@ def find(
         if keeper is not None:
             writer.add_tip(asked.keeps.tip, AXES[keeper.axis])
         scene = writer.build(things, goals, Permission.of(around, robot))
-        return _Search(asked, robot, scene, ends_s).answer(goals)
+        answer = _Search(asked, robot, scene, ends_s).answer(goals)
+    near = hindered(around, robot, things, start, asked.bounds)
+    if near is None:
+        return answer
+    return replace(answer, near=near) if isinstance(answer, PathFound) else BlockedAt("start", near)
 
 
 def _free_goals(
@@ -121,13 +130,13 @@ class _Search:
         self._corridor: Corridor | None = None
         self._tries = 0
 
-    def answer(self, goals: list[Positions]) -> PlanAnswer:
+    def answer(self, goals: list[Positions]) -> PathFound | NotFound:
         rows = sorted(map(self._row, goals), key=self._far)
         keeps = self._asked.keeps
         if keeps.shape_the_path:
             self._corridor = Corridor(self._scene, self._asked.around, keeps, [self._start, *rows], STEP)
         best = self._best(rows)
-        timed = None if best is None else best.timed or fastest(self._scene, best.path, self._speeds)
+        timed = None if best is None else best.timed or self._timed(best.path)
         if best is None or timed is None:
             return NotFound()
         least = None
@@ -138,22 +147,32 @@ class _Search:
         times_s = tuple(timed.times_s.tolist()[1:])
         return PathFound(self._joints, times_s, found[1:], best.length, best.direct, self._tries, least)
 
+    def _timed(self, path: JointPath) -> Timed | None:
+        """Return the fastest motion along a path, or one beside it."""
+        within_s = min(REFINING_S, self._ends_s - time.monotonic())
+        quicker = refined(self._scene, path, self._speeds, STEP, within_s, self._asked.seed)
+        return fastest(self._scene, path, self._speeds, refined=None if quicker is path else quicker)
+
     def _far(self, goal: Array) -> float:
         return float(np.abs(goal - self._start).max())
 
     def _best(self, goals: list[Array]) -> _Candidate | None:
         """Return the fastest of the paths that several searches find; None if none was found in time."""
         best: _Candidate | None = None
+        began_s = first_s = time.monotonic()
         ends_s = self._ends_s
-        while time.monotonic() < ends_s and self._tries < _MOST_TRIES:
+        most = len(goals) if len(self._joints) == 1 else _MOST_TRIES
+        while time.monotonic() < ends_s and self._tries < most:
             found = self._candidate(goals[self._tries % len(goals)])
-            if found is not None:
-                if best is None:
-                    ends_s = min(ends_s, time.monotonic() + IMPROVING_S)
-                if best is None or found.duration_s < best.duration_s:
-                    best = found
-                if best.length <= _ENOUGH * best.direct:
-                    break
+            if found is None:
+                continue
+            if best is None:
+                first_s = time.monotonic()
+            if best is None or found.duration_s < best.duration_s:
+                best = found
+            if best.length <= _ENOUGH * best.direct:
+                break
+            ends_s = min(self._ends_s, first_s + max(first_s - began_s, _worth_s(best)))
         return best
 
     def _candidate(self, goal: Array) -> _Candidate | None:
@@ -175,12 +194,12 @@ class _Search:
     def _path(self, goal: Array) -> JointPath | None:
         """Return a path that the scene finds free, shortened; None if none was found in time."""
         self._tries += 1
-        if self._tries == 1 and self._is_free(self._start, goal):
+        if (self._tries == 1 or len(self._joints) == 1) and self._is_free(self._start, goal):
             straight = JointPath()
             straight.joint_names, straight.positions = self._names, [self._start, goal]
             return straight
         left_s = self._ends_s - time.monotonic()
-        if left_s <= 0.0:
+        if left_s <= 0.0 or len(self._joints) == 1:  # one joint has no other path
             return None
         seed = self._asked.seed + self._tries
         rrt = RRT(self._scene, self._options(left_s * (_FIRST_SHARE if self._tries == 1 else 1.0)))
@@ -211,3 +230,9 @@ class _Search:
 
     def _row(self, positions: Positions) -> Array:
         return np.array([positions[name] for name in self._joints])
+
+
+def _worth_s(best: _Candidate) -> float:
+    """Return the time for further searches: more after a long way round, because another one may be shorter."""
+    detour = best.length / max(best.direct, 1e-6) - _DETOUR
+    return min(MOST_IMPROVING_S, IMPROVING_S + max(detour, 0.0) * _PER_DETOUR_S)

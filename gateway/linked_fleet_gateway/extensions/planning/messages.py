@@ -116,7 +116,7 @@ class PathFound(Struct, frozen=True, tag="path"):
     """A path that the check has found free: positions of ``joints`` at times after the start.
 
     ``length`` is that of the path in the space of joints, ``direct`` that of the straight line (rad, m); ``tries`` is
-    the number of searches.
+    the number of searches. ``near`` is what is nearest to the robot at its start, if it is within the margin.
     """
 
     joints: tuple[str, ...]
@@ -126,19 +126,18 @@ class PathFound(Struct, frozen=True, tag="path"):
     direct: float
     tries: int
     least: LeastManipulability | None = None
+    near: CollisionFound | None = None
 
 
 class BlockedAt(Struct, frozen=True, tag="blocked"):
-    """The robot touches something where it begins, or would do so at every goal."""
+    """The robot would touch something at every goal, or no path was found and something is near where it begins."""
 
     place: Literal["start", "goal"]
     by: CollisionFound
 
 
 class NotFound(Struct, frozen=True, tag="none"):
-    """No path was found in time. ``by`` is what the straight line meets, if that is known."""
-
-    by: CollisionFound | None = None
+    """No path was found in time."""
 
 
 class PlanFailed(Struct, frozen=True, tag="unplanned"):

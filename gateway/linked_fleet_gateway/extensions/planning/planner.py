@@ -18,7 +18,7 @@ from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, 
 from linked_fleet_gateway.base.errors import FleetError, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.planning.constraints import carried, constraints_of, is_constrained, refusal
-from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound
+from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound, StartBlocked
 from linked_fleet_gateway.extensions.planning.kept_path import KeptPath, keep, moving_joint
 from linked_fleet_gateway.extensions.planning.kept_plans import KeptPlans, plan_of
 from linked_fleet_gateway.extensions.planning.messages import (
@@ -63,6 +63,8 @@ MOST_S = 3600
 _MOST_PATHS = 4
 """Paths of one motion that the check of motions judges."""
 _SEEDS = 1_000
+_AT_START = 0.05
+"""Share of a path that is its start."""
 _MOST_GOALS, _OTHER = 12, 0.1
 """Searches for other positions that reach a pose, and how far (rad, m) one joint of these is from the known ones."""
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
@@ -73,6 +75,13 @@ class Search(NamedTuple):
 
     seed: int
     within_s: float
+
+
+class Planned(NamedTuple):
+    """A motion on a path that was found, and its refusal if the check refuses it for what is near its start."""
+
+    motion: Motion
+    stuck: MotionRefused | None
 
 
 class PlannerProcess(Checker):
@@ -146,7 +155,7 @@ class Planner(MotionPlanner):
         elif refused.after_s is not None and refused.after_s <= MOST_WAIT_S:
             refused.advise("With lf:path lf:Planned the motion waits for that.", {"path": LF.Planned.value})
 
-    async def plan(self, motion: Motion, caller: Caller, own_id: str, search: "Search") -> Motion:
+    async def plan(self, motion: Motion, caller: Caller, own_id: str, search: "Search") -> "Planned":
         """Return the motion on a path that was found. Raises MotionRefused, Conflict, Busy."""
         if self._waiting.total() >= MOST_WAITING or self._waiting[caller.name] >= MOST_OF_ONE:
             raise Busy("Too many motions are being planned; ask again.")
@@ -155,7 +164,9 @@ class Planner(MotionPlanner):
             answer, asked = await self._ask(motion, caller, own_id, search)
         finally:
             self._waiting -= Counter([caller.name])
-        return self._on_path(motion, answer, asked)
+        near = answer.near if isinstance(answer, PathFound) else None
+        stuck = None if near is None else self._refusal(motion.robot, BlockedAt("start", near), asked)
+        return Planned(self._on_path(motion, answer, asked), stuck)
 
     async def _ask(
         self, motion: Motion, caller: Caller, own_id: str, search: "Search"
@@ -169,7 +180,9 @@ class Planner(MotionPlanner):
             around = self._questions.about(motion, robots, sees, own_id)
             asked = self._question(motion, around, search)
             answer = await self._process.find(asked)
-            is_goal_bad = isinstance(answer, BlockedAt) or (isinstance(answer, Broken) and answer.share == 1.0)
+            is_goal_bad = (isinstance(answer, BlockedAt) and answer.place == "goal") or (
+                isinstance(answer, Broken) and answer.share == 1.0
+            )
             if is_goal_bad and isinstance(asked, FindPath):
                 asked = replace(asked, goals=await asyncio.to_thread(other_goals, motion, asked))
                 answer = await self._process.find(asked) if asked.goals else answer
@@ -244,8 +257,23 @@ class Planner(MotionPlanner):
         if isinstance(answer, BlockedAt):
             met = self._checks.collision(robot, answer.by)
             what = met.names[1] if len(met.names) > 1 else "another robot"
+            if answer.place == "start":
+                return StartBlocked(
+                    f"No path of {robot.name} was found from where it stands: {answer.by.link} touches {what} there, "
+                    "or is nearer than 1 cm. Move one of them away first, or name it by lf:mayTouch if a hand may "
+                    "touch it.",
+                    reason="something is where it would begin",
+                    met=met,
+                )
             detail = f"The goal is blocked: {answer.by.link} of {robot.name} would meet {what} there."
             return GoalBlocked(detail, reason="something is where it would end", met=met)
+        if len(asked.bounds) == 1:
+            (alone,) = asked.bounds
+            detail = (
+                f"{alone} of {robot.name} alone has no way round what is in the way. Name further joints that may move "
+                "too: with the values at which they stand, they end there."
+            )
+            return NoPathFound(detail, reason="one joint alone has no way round")
         within_s = asked.within_s if isinstance(asked, FindPath) else SEARCH_S
         keeping = " that keeps to its constraints" if asked.keeps.shape_the_path else ""
         detail = (
@@ -261,6 +289,8 @@ class PlannedPaths(Paths):
     def __init__(self, planner: Planner, motion: Motion, caller: Caller, own_id: str) -> None:
         self._planner, self._motion, self._caller, self._own_id = planner, motion, caller, own_id
         self._given, self._because = 0, ""
+        self._met: Collides | None = None
+        self._stuck: MotionRefused | None = None
         self._waits = planner.waits(motion, own_id)
         self._left_s = min(max(caller.patience_s or 0.0, SEARCH_S), MOST_SEARCH_S)
         self.most_s = self._left_s + EARLY_S + _MOST_PATHS * _ANSWER_S
@@ -281,8 +311,11 @@ class PlannedPaths(Paths):
             self._because = asked_for if refused is None else f"on the direct path {refused.reason}"
             if not constrained:
                 self._waits.note(refused)
-        found = await self._searched(1 if straight else _MOST_PATHS)
-        return found or self._waits.next(self._because)
+                self._met = refused if isinstance(refused, Collides) else None
+        found = await self._searched(1 if straight else _MOST_PATHS) or self._waits.next(self._because)
+        if found is None and self._stuck is not None and _is_of_start(refused):
+            raise self._stuck
+        return found
 
     async def _searched(self, most: int) -> Motion | None:
         """Return the motion on another path that is found; a single joint has none but the direct one."""
@@ -293,13 +326,22 @@ class PlannedPaths(Paths):
         seed, within_s = self._given * _SEEDS, self._left_s
         try:
             planned = await self._planner.plan(self._motion, self._caller, self._own_id, Search(seed, within_s))
-        except (GoalBlocked, NoPathFound):
+        except (GoalBlocked, StartBlocked, NoPathFound) as error:
             if not self._waits.help:
-                raise
+                raise self._explained(error) from error
             self._left_s = 0.0
             return None
         self._left_s -= asyncio.get_running_loop().time() - began_s
-        return replace(planned, detour=self._because)
+        self._stuck = planned.stuck
+        return replace(planned.motion, detour=self._because)
+
+    def _explained(self, refused: MotionRefused) -> MotionRefused:
+        """Say what is in the way of the direct path if no other one was found."""
+        met = self._met
+        if not isinstance(refused, NoPathFound) or met is None:
+            return refused
+        what = f" On the direct path {met.names[0]} would meet {met.names[1]}." if len(met.names) > 1 else ""
+        return NoPathFound(refused.detail + what, reason=refused.reason, met=met)
 
     async def keep(self, motion: Motion) -> KeptPlan | None:
         """Keep a rehearsed motion on one of these paths."""
@@ -309,6 +351,11 @@ class PlannedPaths(Paths):
 def _is_other_refusal(refused: MotionRefused | None) -> bool:
     """Return True if another path would be refused as well."""
     return refused is not None and not isinstance(refused, Collides)
+
+
+def _is_of_start(refused: MotionRefused | None) -> bool:
+    """Return True if a path was refused for what the robot meets where it begins."""
+    return isinstance(refused, Collides) and refused.share is not None and refused.share < _AT_START
 
 
 def other_goals(motion: Motion, asked: FindPath) -> tuple[Positions, ...]:

@@ -2,9 +2,9 @@
 
 Joints that do not move are fixed. Each shape of the robot is a link of its own, so that exactly the pairs of the
 collision check are compared. What is around is larger than it is by ``CLEARANCE_M``, unless the robot is nearer than
-that at the start. A mesh of the robot is replaced by its convex hull, which takes a fraction of the time to compare,
-unless the hull is near something at the start or at a goal. So a path may be missed inside a hull, but none is free
-that touches the mesh.
+that at the start or at a goal. A mesh of the robot is replaced by its convex hull, which takes a fraction of the time
+to compare, unless the hull is near something at the start or at a goal. So a path may be missed inside a hull, but none
+is free that touches the mesh.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -17,10 +17,19 @@ import numpy as np
 import pinocchio as pin
 from roboplan.core import Scene, loadJointLimitsConfig, loadUrdfSceneDescriptionFromXml
 
+from linked_fleet_gateway.extensions.planning.enlarging import (
+    CLEARANCE_M,
+    CORNER_M,
+    CORNERS,
+    OWN_M,
+    PARTS_M,
+    larger_part,
+    most_larger,
+    triangles_of,
+)
 from linked_fleet_gateway.extensions.planning.inflation import Triangles, inflated
 from linked_fleet_gateway.extensions.planning.messages import JointBounds
 from linked_fleet_gateway.extensions.planning.stl import stl_of, stl_of_hull
-from linked_fleet_gateway.extensions.world.collision_check import SLACK_M
 from linked_fleet_gateway.extensions.world.held_bodies import NO_PERMISSION, Permission
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.path import moved_positions
@@ -32,18 +41,8 @@ from linked_fleet_gateway.extensions.world.surroundings import (
     Shape,
     StaticBody,
     distance,
-    free_distance,
 )
 from linked_fleet_gateway.fleet.model import JointKind
-
-CLEARANCE_M = 0.0115
-"""Clearance of paths: the margin of the collision check, and what a path may deviate between two checked places."""
-_CORNER_M = 2 * CLEARANCE_M
-"""More than a corner of something around moves when that is made larger: by up to √3 times the clearance."""
-OWN_M = 0.0012
-"""Clearance of a hull: that of the check between parts of the robot, and what a path deviates."""
-_PARTS_M = 0.005
-"""Parts whose hulls are nearer at the start or at a goal are compared by their meshes."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +64,7 @@ class SceneWriter:
         self._anchors = self._anchors_of_joints()
         self._meshes = 0
         self._disabled: list[tuple[str, str]] = []
+        self._links: list[str] = []
 
     def build_bare(self) -> PlannerScene:
         """Return a scene without any shape, for the timing of a path."""
@@ -83,7 +83,7 @@ class SceneWriter:
         )
 
     def build(
-        self, things: Sequence[StaticBody], goals: Iterable[Positions], permission: Permission = NO_PERMISSION
+        self, things: Sequence[StaticBody], goals: Sequence[Positions], permission: Permission = NO_PERMISSION
     ) -> PlannerScene:
         """Return the scene with the robot and what is around it, without pairs that may touch by ``permission``."""
         self._permission = permission
@@ -92,10 +92,13 @@ class SceneWriter:
             self._add_joint(joint)
         for n in range(len(self._robot.bodies)):
             self._add_body(n)
-        for n, thing in enumerate(things):
-            self._add_thing(n, thing)
+        for n, (thing, near) in enumerate(zip(things, self._near_bodies(things, goals), strict=True)):
+            self._add_thing(n, thing, near)
+        larger = self._larger_pairs(goals)
+        for n in sorted({i for i, _ in larger}):
+            self._add_larger(n)
         made = self._scene()
-        self._select_pairs(made.scene)
+        self._select_pairs(made.scene, larger)
         return made
 
     def _scene(self) -> PlannerScene:
@@ -151,7 +154,38 @@ class SceneWriter:
         mesh = None if surface is None else (surface.vertices, surface.triangles)
         self._add_link(f"b{n}", joint, placed, [(body.shape, pin.SE3.Identity())], mesh)
 
-    def _rough_bodies(self, things: Sequence[StaticBody], goals: Iterable[Positions]) -> set[int]:
+    def _add_larger(self, n: int) -> None:
+        """Add a copy of a part that is larger by the clearance between parts of the robot."""
+        body = self._robot.bodies[n]
+        joint, at = self._anchors[body.joint]
+        placed = at * self._robot.geometry.geometryObjects[n].placement
+        self._add_link(f"e{n}", joint, placed, *larger_part(body))
+
+    def _larger_pairs(self, goals: Sequence[Positions]) -> set[tuple[int, int]]:
+        """Return the pairs of a mesh and a part without enlarged hulls, of which the first one is to be larger.
+
+        At the start and at the goals they are further apart than that. What is larger is simpler.
+        """
+        robot, found = self._robot, set[tuple[int, int]]()
+        for pair in robot.pairs:
+            if not set(pair) & self._rough and all(robot.anchored[i] for i in pair) and self._move_apart(*pair):
+                one, other = sorted(pair, key=lambda n: triangles_of(robot.bodies[n]))
+                found |= {(one, other)} if robot.bodies[other].surface is not None else set()
+        for place in ({}, *goals):
+            self._standing.set_positions(moved_positions(robot, self._start, place))  # type: ignore[arg-type]  # of numbers, numbers
+            found = {each for each in found if self._apart(*each) > CORNERS * OWN_M}
+            self._standing.set_positions(self._start)
+        return found
+
+    def _move_apart(self, i: int, k: int) -> bool:
+        return self._anchors[self._robot.bodies[i].joint][0] != self._anchors[self._robot.bodies[k].joint][0]
+
+    def _apart(self, i: int, k: int) -> float:
+        """Return a lower bound of the distance of two parts, exact where they are near."""
+        far_m = self._standing.gap(i, k)
+        return far_m if far_m > CORNER_M else distance(self._standing.shape(i), self._standing.shape(k), CORNER_M)
+
+    def _rough_bodies(self, things: Sequence[StaticBody], goals: Sequence[Positions]) -> set[int]:
         """Return the bodies with a mesh whose hulls are near nothing at the start and at the goals."""
         robot, found = self._robot, {n for n, body in enumerate(self._robot.bodies) if body.surface is not None}
         for place in ({}, *goals):
@@ -165,8 +199,8 @@ class SceneWriter:
             body = self._robot.bodies[n]
             if not self._robot.anchored[n] or not self._anchors[body.joint][0]:
                 continue
-            hull, near = self._hull(n), (each for each in things if self._standing.gap_to(n, each) < _CORNER_M)
-            if any(distance(hull, each.shape, _CORNER_M) < _CORNER_M for each in near):
+            hull, near = self._hull(n), (each for each in things if self._standing.gap_to(n, each) < CORNER_M)
+            if any(distance(hull, each.shape, CORNER_M) < CORNER_M for each in near):
                 yield n
 
     def _hulls_near_others(self, rough: set[int]) -> Iterator[int]:
@@ -175,7 +209,7 @@ class SceneWriter:
             moved = self._anchors[bodies[i].joint][0] != self._anchors[bodies[k].joint][0]
             if not {i, k} & rough or not moved or not robot.anchored[i]:
                 continue
-            if self._standing.gap(i, k) < _PARTS_M and distance(self._hull(i), self._hull(k), _PARTS_M) < _PARTS_M:
+            if self._standing.gap(i, k) < PARTS_M and distance(self._hull(i), self._hull(k), PARTS_M) < PARTS_M:
                 yield from (i, k)
 
     def _hull(self, n: int) -> Shape:
@@ -184,31 +218,45 @@ class SceneWriter:
 
     # -- what is around -----------------------------------------------------------------------------------------------
 
-    def _add_thing(self, n: int, thing: StaticBody) -> None:
-        """Add something around, larger than it is; what is nearer at the start compares with one that is less so."""
-        near = self._nearer(thing)
-        moved = [i for i in range(len(self._robot.bodies)) if self._anchors[self._robot.bodies[i].joint][0]]
+    def _add_thing(self, n: int, thing: StaticBody, near: Mapping[int, float | None]) -> None:
+        """Add something around, larger than it is; what is ``near`` compares with one of its own that is less so."""
+        moved = self._moved_bodies()
         self._add_inflated(f"o{n}", thing, CLEARANCE_M)
         self._disabled += [(f"b{i}", f"o{n}") for i in moved if i in near or self._permission.allows(i, thing)]
-        if not near:
-            return
-        if any(apart > TOUCHING_M for apart in near.values()):
-            least = min(apart for apart in near.values() if apart > TOUCHING_M)
-            self._add_inflated(f"n{n}", thing, max(least - SLACK_M, 0.0))
-            compared = {i for i, apart in near.items() if apart > TOUCHING_M}
-            self._disabled += [(f"b{i}", f"n{n}") for i in moved if i not in compared]
+        for i, by_m in near.items():
+            if by_m is not None:
+                self._add_inflated(f"n{n}x{i}", thing, by_m)
+                self._disabled += [(f"b{k}", f"n{n}x{i}") for k in moved if k != i]
 
-    def _nearer(self, thing: StaticBody) -> dict[int, float]:
-        """Return the distance at the start of each moving body that is nearer than the clearance, and may not touch."""
-        found = {}
-        for i, body in enumerate(self._robot.bodies):
-            if not self._anchors[body.joint][0] or not self._robot.anchored[i]:
-                continue
-            if not self._permission.allows(i, thing) and self._standing.gap_to(i, thing) < CLEARANCE_M:
-                apart = free_distance(self._standing.shape(i), thing.shape, CLEARANCE_M)
-                if apart < CLEARANCE_M:
-                    found[i] = apart
+    def _moved_bodies(self) -> list[int]:
+        return [i for i, body in enumerate(self._robot.bodies) if self._anchors[body.joint][0]]
+
+    def _near_bodies(self, things: Sequence[StaticBody], goals: Sequence[Positions]) -> list[dict[int, float | None]]:
+        """Return for each thing the moving bodies near it at the start or at a goal, and how much larger it may be.
+
+        What is larger by a distance has corners that are further out, and no start or goal may be in one. None is for
+        what touches at the start.
+        """
+        found: list[dict[int, float | None]] = [{} for _ in things]
+        for place in ({}, *goals):
+            self._standing.set_positions(moved_positions(self._robot, self._start, place))  # type: ignore[arg-type]  # of numbers, numbers
+            for near, thing in zip(found, things, strict=True):
+                self._note_near(near, thing)
+            self._standing.set_positions(self._start)
         return found
+
+    def _note_near(self, near: dict[int, float | None], thing: StaticBody) -> None:
+        for i in self._moved_bodies():
+            if not self._robot.anchored[i] or self._standing.gap_to(i, thing) >= CORNER_M:
+                continue
+            if self._permission.allows(i, thing):
+                continue
+            by_m = most_larger(self._standing.shape(i), thing.shape)
+            known = near.get(i, CLEARANCE_M)
+            if by_m is None or known is None:
+                near[i] = None
+            elif by_m < known:
+                near[i] = by_m
 
     def _add_inflated(self, name: str, thing: StaticBody, by_m: float) -> None:
         shape: Shape = thing.shape
@@ -236,6 +284,7 @@ class SceneWriter:
             for k, (text, offset) in enumerate(parts)
         )
         checking = f"<collision_checking>{''.join(convex)}</collision_checking>" if convex else ""
+        self._links.append(name)
         self._parts.append(
             f'<link name="{name}">{collisions}{checking}</link><joint name="f{name}" type="fixed">'
             f'<parent link="l{joint}"/><child link="{name}"/></joint>'
@@ -269,13 +318,18 @@ class SceneWriter:
         file.write_text("".join(lines))
         return file
 
-    def _select_pairs(self, scene: Scene) -> None:
+    def _select_pairs(self, scene: Scene, larger: set[tuple[int, int]]) -> None:
         """Compare the pairs of the robot that the collision check compares, without those that touch at the start."""
         robot, kept = self._robot, set(self._robot.pairs)
         shown = {i: self._anchors[body.joint][0] for i, body in enumerate(robot.bodies) if robot.anchored[i]}
         apart = [(i, k) for i, k in combinations(shown, 2) if shown[i] != shown[k]]
         off = [(i, k) for i, k in apart if not {(i, k), (k, i)} & kept or self._touch(i, k)]
-        scene.setCollisions([*((f"b{i}", f"b{k}") for i, k in off), *self._disabled], False)
+        names = [f"b{i}" for i in shown], [f"e{i}" for i in sorted({i for i, _ in larger})]
+        around = [name for name in self._links if name[0] in "on"]
+        copies = [(e, name) for e in names[1] for name in (*names[0], *around)] + list(combinations(names[1], 2))
+        copied = {(f"e{i}", f"b{k}") for i, k in larger}
+        pairs = [*((f"b{i}", f"b{k}") for i, k in [*off, *larger]), *(each for each in copies if each not in copied)]
+        scene.setCollisions([*pairs, *self._disabled], False)
 
     def _touch(self, i: int, k: int) -> bool:
         standing = self._standing

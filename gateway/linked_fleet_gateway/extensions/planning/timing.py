@@ -17,6 +17,8 @@ from linked_fleet_gateway.extensions.world.questions import waypoint_velocities
 from linked_fleet_gateway.extensions.world.surfaces import Array
 
 STEP_S, FINE_STEP_S = 0.03, 0.01
+SMOOTHING_S = 0.06
+"""Positions are averaged over this time, so that a joint takes at least half of it to its full acceleration."""
 MOST_WAYPOINTS, MOST_POSITIONS = 1_000, 16_384
 """The most that one command of an agent may have."""
 _ROUNDINGS = (0.3, 0.1)
@@ -48,23 +50,37 @@ def quickly_timed_s(scene: Scene, path: JointPath) -> float | None:
 
 
 def fastest(
-    scene: Scene, path: JointPath, speeds: Array, accepts: Callable[[Timed], bool] = lambda timed: True
+    scene: Scene,
+    path: JointPath,
+    speeds: Array,
+    accepts: Callable[[Timed], bool] = lambda timed: True,
+    refined: JointPath | None = None,
 ) -> Timed | None:
-    """Return the fastest motion along a path that is accepted, or None.
+    """Return the fastest motion along a path, or along one that was ``refined`` from it, that is accepted, or None.
 
     ``speeds`` are the limits of its joints, in order.
     """
+    curves = _curves(scene, path, (0.0, *_ROUNDINGS) if refined is None else (0.0, _ROUNDINGS[0]))
+    if refined is not None:
+        curves += _curves(scene, refined, (0.0, _ROUNDINGS[-1]))
     best: Timed | None = None
-    for mode, rounding in ((SplineFittingMode.Cubic, 0.0), *((SplineFittingMode.LinearBlend, r) for r in _ROUNDINGS)):
-        if mode is SplineFittingMode.Cubic and len(path.positions) <= 2:
-            continue
-        curve = _Curve(scene, path, mode, rounding)
-        if curve.duration_s is None or (best is not None and curve.duration_s >= best.duration_s):
-            continue
-        timed = curve.timed(STEP_S)
-        if accepts(timed):
+    for curve in sorted(curves, key=lambda each: each.duration_s or math.inf):
+        if best is not None and best.duration_s <= (curve.duration_s or math.inf):
+            break
+        timed = _within(_smoothed(curve.timed(FINE_STEP_S), STEP_S, SMOOTHING_S), speeds)
+        if (best is None or timed.duration_s < best.duration_s) and accepts(timed):
             best = timed
-    return None if best is None else _within(best, speeds)
+    return best
+
+
+def _curves(scene: Scene, path: JointPath, roundings: Sequence[float]) -> "list[_Curve]":
+    """Return the curves through a path that have a motion: a spline (0), and with corners that are rounded so far."""
+    found = [
+        _Curve(scene, path, SplineFittingMode.LinearBlend if rounding else SplineFittingMode.Cubic, rounding)
+        for rounding in roundings
+        if rounding or len(path.positions) > 2
+    ]
+    return [each for each in found if each.duration_s is not None]
 
 
 def smooth(scene: Scene, path: JointPath, speeds: Array) -> Timed | None:
@@ -72,7 +88,9 @@ def smooth(scene: Scene, path: JointPath, speeds: Array) -> Timed | None:
     if len(path.positions) == 1:
         return None
     curve = _Curve(scene, path, SplineFittingMode.Cubic)
-    return None if curve.duration_s is None else _within(curve.timed(FINE_STEP_S), speeds)
+    if curve.duration_s is None:
+        return None
+    return _within(_smoothed(curve.timed(FINE_STEP_S), FINE_STEP_S, SMOOTHING_S), speeds)
 
 
 class _Curve:
@@ -100,6 +118,33 @@ class _Curve:
         """Return the motion, if there is one."""
         found = self._motion(step_s)
         return _thinned(found.times, np.array(found.positions))
+
+
+def _smoothed(timed: Timed, step_s: float, over_s: float) -> Timed:
+    """Return the motion with positions averaged over a time, by which it ends later, at steps.
+
+    No speed and no acceleration is larger than before. An acceleration a changes by 2 a in this time at most, and a
+    position by a / 24 times its square.
+    """
+    ends_s = timed.duration_s + over_s
+    at_s = np.linspace(0.0, ends_s, max(1, round(ends_s / step_s)) + 1)
+    found = (_integral(timed, at_s) - _integral(timed, at_s - over_s)) / over_s
+    found[0], found[-1] = timed.positions[0], timed.positions[-1]
+    return _thinned(at_s.tolist(), found)
+
+
+def _integral(timed: Timed, at_s: Array) -> Array:
+    """Return the integrals of the positions from the start of a motion, before and after which they stay."""
+    times, rows = timed.times_s, timed.positions
+    pieces = np.diff(times)[:, None] * (rows[1:] + rows[:-1]) / 2
+    whole = np.concatenate([np.zeros((1, rows.shape[1])), np.cumsum(pieces, axis=0)])
+    inside = np.clip(at_s, 0.0, timed.duration_s)
+    k = np.clip(np.searchsorted(times, inside, "right") - 1, 0, len(times) - 2)
+    since_s = inside - times[k]
+    middle = rows[k] + (rows[k + 1] - rows[k]) * (since_s / (times[k + 1] - times[k]))[:, None] / 2
+    before, after = np.minimum(at_s, 0.0), np.maximum(at_s - timed.duration_s, 0.0)
+    found: Array = whole[k] + since_s[:, None] * middle + before[:, None] * rows[0] + after[:, None] * rows[-1]
+    return found
 
 
 def _thinned(times_s: Sequence[float], positions: Array) -> Timed:

@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from linked_fleet_gateway.api import Core, FleetError, Invocation, Table, cancel_tasks, supervised, time_sliced
 from linked_fleet_gateway.extensions.availability.availability import out_of_service
+from linked_fleet_gateway.extensions.latches.extension import Latches
 from linked_fleet_gateway.extensions.missions.record import OVER, Run
 from linked_fleet_gateway.extensions.missions.runs import Runs
 from linked_fleet_gateway.extensions.missions.targets import RightsEnded
@@ -58,6 +59,7 @@ class Dispatcher:
         self.reasons: dict[str, str] = {}
         """Why orders wait, as of the last pass."""
         self._abilities = Abilities()
+        self._latches = core.optional_service(Latches)
         self._placements = [each for extension in core.extensions for each in extension.placements]
         self._awake = asyncio.Event()
         self._since_s: dict[Hashable, float] = {}
@@ -202,7 +204,8 @@ class Dispatcher:
         before, orders = self._known, self._orders.known
         self._needs.begin(orders)
         robots = Robots(
-            self._core.robots, self._moving(), dict(before.busy), self._abilities, self._placements
+            self._core.robots, self._moving(), dict(before.busy), self._abilities, self._placements,
+            self._latches
         )  # fmt: skip
         given, reasons, room = dict[str, Assignment](), dict[str, str](), self._most - len(before.orders)
         now_ns, row = time.time_ns(), in_turn(orders)

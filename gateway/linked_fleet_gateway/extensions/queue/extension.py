@@ -65,6 +65,7 @@ class QueueExtension(Extension):
     name = "queue"
     at_root = ("queue", "schedules")
     needs = ("query", "rules", "missions", "availability")
+    uses = ("latches",)
     vocabulary = (HERE / "vocabulary.ttl",)
     shapes = (HERE / "shapes.ttl",)
     kinds = (HERE / "kinds.ttl",)

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 from linked_fleet_gateway.api import Pose, Robot
 from linked_fleet_gateway.extensions.availability.availability import out_of_service
+from linked_fleet_gateway.extensions.latches.extension import Latches
 from linked_fleet_gateway.extensions.queue.order import Choice, Point
 from linked_fleet_gateway.faces import offers_at, parts_of
 from linked_fleet_gateway.fleet.kinematics import compose
@@ -62,6 +63,8 @@ class Robots:
     taken: dict[str, str]
     abilities: Abilities
     placements: Sequence[Placement] = ()
+    latches: Latches | None = None
+    """Stops that hold, with the extension ``latches``."""
     reserved: set[str] = field(default_factory=set)
     """Robots that are kept for an order that comes before."""
     _standing: dict[str, Standing] = field(default_factory=dict)
@@ -91,6 +94,8 @@ class Robots:
             return Standing("is not known")
         if (reason := out_of_service(robot)) is not None:
             return Standing(f"is out of service: {reason}")
+        if self.latches is not None and self.latches.of(name) is not None:
+            return Standing("is stopped, and the stop holds until it is reset")
         if not robot.online:
             return Standing("is offline")
         if robot.lease is not None:

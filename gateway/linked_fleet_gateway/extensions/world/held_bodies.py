@@ -107,7 +107,7 @@ def _reach(robot: Robot, geometry: pin.GeometryModel, bodies: Sequence[Body]) ->
 
 @dataclass(frozen=True)
 class Permission:
-    """The objects that bodies of the hand may touch."""
+    """The objects that bodies of the hand may touch, whoever holds them."""
 
     objects: frozenset[str]
     bodies: frozenset[int]
@@ -119,8 +119,9 @@ class Permission:
         return cls(frozenset(asked.may_touch), hand)
 
     def allows(self, body: int, thing: StaticBody) -> bool:
-        """Return True if the body may touch the thing."""
-        return thing.kind == "object" and thing.name in self.objects and body in self.bodies
+        """Return True if the body may touch the thing: an object, also one that another robot holds."""
+        named = thing.name if thing.kind == "object" else thing.held
+        return named in self.objects and body in self.bodies
 
 
 NO_PERMISSION = Permission(frozenset(), frozenset())

@@ -60,7 +60,6 @@ def _id(motion: Motion, request: ActionRequest, node: object, objects: Objects, 
         )
     if thing.kind == "zone":
         raise UnprocessableContent(f"{thing.title} is a lf:KeepOutZone, which no robot may enter.")
-    if thing.held is not None and thing.held.robot != motion.robot.name:
-        holder = thing.held.robot if sees.includes(thing.held.robot) else "another robot"
-        raise UnprocessableContent(f"{holder} holds {thing.title}, and no robot may touch another one.")
+    if thing.held is not None and not sees.includes(thing.held.robot):
+        raise UnprocessableContent(f"Another robot, which you may not see, holds {thing.title}.")
     return id

@@ -10,7 +10,7 @@ import pytest
 from component_agent import Bench, ExactRobot
 from linked_fleet_agent.robots.ros2.configuration import read_configuration
 from linked_fleet_agent.robots.ros2.definitions import DefinitionError
-from linked_fleet_agent.robots.ros2.describing import describe
+from linked_fleet_agent.robots.ros2.describing import Describing
 from linked_fleet_agent.robots.ros2.exposure import expose
 from linked_fleet_agent.robots.ros2.graph import Graph
 from linked_fleet_agent.robots.ros2.session import RosSession
@@ -122,7 +122,7 @@ async def test_a_node_describes_its_types_as_the_store_has_them() -> None:
         async with joined(where, bridged=False) as (graph, known):
             for name in ("sensor_msgs/msg/BatteryState", "sensor_msgs/msg/JointState", "tf2_msgs/msg/TFMessage"):
                 types, hash_ = MessageTypes(), known.message(name).hash
-                await describe(graph, types, name, "/x", {name: hash_})
+                await Describing(graph, types).describe(name, "/x", {name: hash_})
                 described = types._described[name, hash_]
                 assert all(described.definitions[each].fields for each in described.definitions)
                 payload = known.message(name).write({})

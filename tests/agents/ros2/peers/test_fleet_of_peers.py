@@ -1,13 +1,19 @@
 """Real robots of ROS 2 in a fleet, used by a client: what they are, services, goals with feedback, refusals, a stop."""
 
+import asyncio
+import re
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import pytest
 
 from connections import http_client
+from linked_fleet_agent.robots.ros2.cdr import type_hash
+from linked_fleet_agent.robots.ros2.goals import CANCELED, ActionClient
+from linked_fleet_agent.robots.ros2.session import RosSession
+from linked_fleet_agent.robots.ros2.types import MessageTypes
 from linked_fleet_client.fleet import Fleet, Thing
 from robot_client import await_angle, begin, end_of, joint_angle, state_of
 from ros_peers import SOURCES, behind_bridge, on_humble, on_rmw_zenoh
@@ -42,9 +48,15 @@ action = "fibonacci"
 """
 
 
+class Peer(NamedTuple):
+    """A robot in its fleet, and the endpoint of ROS at which others reach it too."""
+
+    thing: Thing
+    endpoint: str
+
+
 @pytest.fixture(scope="module", params=SIDES)
-def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Thing]:
-    """Yield the robot in its fleet."""
+def robot(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Peer]:
     folder = tmp_path_factory.mktemp("fleet")
     with ExitStack() as stack:
         scheme, run, distro = SIDES[request.param]
@@ -54,7 +66,13 @@ def arm(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
         stack.enter_context(agent(place, f"{scheme}:{endpoint}", distro, folder))
         fleet = stack.enter_context(Fleet(place.root))
         eventually(lambda: joint_angle(fleet, "arm/pan") is not None, "the position of a joint")
-        yield fleet["arm"]
+        yield Peer(fleet["arm"], endpoint)
+
+
+@pytest.fixture
+def arm(robot: Peer) -> Thing:
+    """Return the robot."""
+    return robot.thing
 
 
 def agent(place: Place, address: str, distro: str, folder: Path) -> Any:
@@ -69,6 +87,21 @@ def test_battery_and_diagnostics_are_read(arm: Thing) -> None:
     with http_client(headers={"accept": "application/json"}) as http:
         status = f"{arm.iri}diagnostics/status"
         eventually(lambda: '{"name":"motor","level":"warning","message":"warm"}' in http.get(status).text, status)
+
+
+def test_battery_and_diagnostics_are_on_the_page_of_the_robot(arm: Thing) -> None:
+    eventually(lambda: {"Charge", "75", "%", "discharging"} <= texts(page(f"{arm.iri}battery")), "the charge")
+    eventually(lambda: {"motor", "warning", "warm"} <= texts(page(f"{arm.iri}diagnostics")), "the states")
+
+
+def page(iri: str) -> str:
+    with http_client(headers={"accept": "text/html"}) as http:
+        return http.get(iri).text
+
+
+def texts(html: str) -> set[str]:
+    """Return the texts of a page."""
+    return {re.sub(r"\s+", " ", each).strip() for each in re.findall(r">([^<]+)<", html)}
 
 
 def test_joints_move(arm: Thing) -> None:
@@ -152,7 +185,7 @@ def test_nav2_drives_to_a_pose_on_the_map(full_arm: Thing) -> None:
 
 def test_nav2_says_why_it_gives_up(full_arm: Thing, request: pytest.FixtureRequest) -> None:
     """That of Humble has no member for it in its result."""
-    why = "" if request.node.callspec.params["arm"] == "humble" else ": error 208 (no valid path found)"
+    why = "" if request.node.callspec.params["robot"] == "humble" else ": error 208 (no valid path found)"
     end = end_of(begin(full_arm["navigation"].actions["navigateToPose"], x=500.0, y=0.5))
     assert end[:2] == ("failed", f"it was given up by the robot{why}")
 
@@ -162,3 +195,21 @@ def test_a_stop_cancels_what_nav2_does(full_arm: Thing) -> None:
     eventually(lambda: state_of(run).get("feedback"), "a feedback")
     assert end_of(full_arm.actions["stop"]()).state == "succeeded"
     assert end_of(run).state in ("cancelled", "preempted")
+
+
+def another(session: RosSession, types: MessageTypes) -> ActionClient | None:
+    """Return another client of the action that drives, once the action is there."""
+    client = ActionClient(session, types, "/navigate_to_pose", "nav2_msgs/action/NavigateToPose")
+    return client if client.is_available else None
+
+
+async def test_a_stop_cancels_the_goal_of_another_client_and_says_so(robot: Peer, full_arm: Thing) -> None:
+    types = MessageTypes(preferred="kilted")
+    with closing(RosSession(robot.endpoint, 0, "another", type_hash)) as session:
+        client = await asyncio.to_thread(eventually, lambda: another(session, types), "the action")
+        await client.send(bytes(range(16)), {"pose": {"header": {"frame_id": "map"}, "pose": {"position": {"x": 3.0}}}})
+        run = await asyncio.to_thread(full_arm.actions["stop"])
+        end = await asyncio.to_thread(end_of, run)
+        assert end[:2] == ("succeeded", "a goal of another client of /navigate_to_pose cancelled")
+        assert (await client.result(bytes(range(16)))).status == CANCELED
+    assert end.reason in await asyncio.to_thread(page, run.iri)

@@ -12,12 +12,15 @@ from typing import Any, NamedTuple
 import pytest
 import zenoh
 
+from connections import http_client
 from linked_fleet_agent.robots.ros2.graph import Interface
 from linked_fleet_agent.robots.ros2.transports import KEEP_LAST_ONE, DdsBridge, RmwZenoh, Transport
 from linked_fleet_agent.robots.ros2.types import MessageTypes
 from linked_fleet_client.fleet import Fleet, Thing
 from linked_fleet_client.vocabulary import LF
 from robot_client import await_angle, begin, end_of, joint_angle
+from ros_hostile import DESCRIPTIONS as OF_TYPES
+from ros_hostile import RIDDLES, TRAP, Liar
 from ros_peers import SOURCES, URDF, behind_bridge, on_rmw_zenoh
 from running import Process, eventually, process
 from small_fleet import Place
@@ -83,6 +86,7 @@ def beside(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
     with ExitStack() as stack:
         endpoint = stack.enter_context(run())
         stack.enter_context(place.gateway())
+        Liar(stack.enter_context(joined(endpoint)), transport)
         agent = stack.enter_context(process(*_agent(place, f"{request.param}:{endpoint}")))
         fleet = stack.enter_context(Fleet(place.root))
         eventually(lambda: joint_angle(fleet, "arm/pan") is not None, "the position of a joint")
@@ -91,7 +95,7 @@ def beside(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFact
 
 
 def _agent(place: Place, address: str) -> tuple[str, ...]:
-    options = f"stale=5&expose=/lamp&types={SOURCES}/interfaces_of_tests&distro=kilted"
+    options = f"stale=5&expose=/lamp&expose={TRAP}&expose={RIDDLES}/*&types={SOURCES}/interfaces_of_tests&distro=kilted"
     return "-m", "linked_fleet_agent", f"--robot=arm={address}?{options}", "--connect", place.zenoh
 
 
@@ -204,6 +208,41 @@ def test_a_hostile_description_is_a_fault_until_the_good_one_comes_again(
 
 def _fault(arm: Thing) -> str:
     return str(arm.read().graph.value(arm.node, LF.fault) or "")
+
+
+def test_types_that_are_described_by_lies_are_left_out_with_the_reason(beside: tuple[Thing, Hostile]) -> None:
+    arm, _ = beside
+    with http_client(headers={"accept": "application/json"}) as http:
+        missing = http.get(f"{arm.iri}driver/missing").text
+    for name in OF_TYPES:
+        assert f"{RIDDLES}/{name.lower()} is left out: the type strange_msgs/msg/{name} is not known" in missing, name
+    assert not any(each.name == "riddle" for each in arm.parts)
+    _goes_on(arm)
+
+
+ENDS = {
+    1: ("failed", "the encoding 0xffff is unknown"),
+    2: ("failed", "/trap/_action/send_goal answered with 2097156 bytes; 1048576 is the maximum"),
+    3: ("failed", "/trap/_action/send_goal answered with an error of Zenoh"),
+    4: ("failed", "/trap does not answer"),
+    5: ("failed", "what became of the goal is not known"),
+    6: ("failed", "/trap does not know the goal any more"),
+    7: ("succeeded", ""),
+}
+
+
+@pytest.mark.parametrize("order", ENDS)
+def test_a_hostile_action_server_costs_its_goal_alone(beside: tuple[Thing, Hostile], order: int) -> None:
+    """Answers that are none, too long, errors, silence, results that are none, and feedback without end."""
+    arm, hostile = beside
+    used = _resident_mib(hostile.agent)
+    run = begin(arm["ros"].actions["trap"], order=order)
+    assert end_of(begin(arm["lift"].actions["rotate"], value=0.1 * (order % 2), unit="rad"))[:2] == ("succeeded", "")
+    end = end_of(run)
+    state, said = ENDS[order]
+    assert end.state == state and said in end.reason
+    _goes_on(arm)
+    assert _resident_mib(hostile.agent) - used < MOST_MIB
 
 
 def test_thousands_of_tokens_are_bounded(beside: tuple[Thing, Hostile]) -> None:

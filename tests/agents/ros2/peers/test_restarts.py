@@ -1,50 +1,23 @@
 """Restarts of routers, bridges, robots, agents and gateways, in any order: the fleet finds itself again by itself."""
 
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import suppress
 from functools import partial
 from itertools import permutations
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from linked_fleet_client.errors import ClientError
 from linked_fleet_client.fleet import Fleet, Thing
 from linked_fleet_client.invocation import Invocation
+from linked_fleet_client.vocabulary import LF
 from robot_client import await_angle, begin, joint_angle, state_of
-from ros_peers import SOURCES, Restarting, bridge, endpoint, free_domain, hiroz_robot, rclpy_robot, router
-from running import eventually, process
-from small_fleet import Place
+from ros_fleet import restarts, ros_fleet
+from running import eventually
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 PARTS = ("router", "robot", "agent")
-
-
-def programs(place: Place, side: str, pause_s: float) -> dict[str, Callable[[], Any]]:
-    """Return how the programs of a fleet are run: a router, or a bridge, is ``router`` here."""
-    where, domain = endpoint(), free_domain()
-    source = f"--robot=arm={side}:{where}?expose=/fibonacci&types={SOURCES}/interfaces_of_tests&distro=kilted"
-    agent = partial(process, "-m", "linked_fleet_agent", source, "--connect", place.zenoh)
-    if side == "ros2":
-        way: dict[str, Callable[[], Any]] = {
-            "router": partial(router, where),
-            "robot": partial(hiroz_robot, where, pause_s),
-        }
-    else:
-        way = {"robot": partial(rclpy_robot, domain, pause_s), "router": partial(bridge, where, domain)}
-    return {**way, "gateway": place.gateway, "agent": agent}
-
-
-@contextmanager
-def fleet_of(folder: Path, side: str, pause_s: float = 0.2) -> Iterator[tuple[Restarting, Fleet]]:
-    place = Place(folder)
-    with ExitStack() as stack:
-        running = stack.enter_context(Restarting(**programs(place, side, pause_s)))
-        fleet = stack.enter_context(Fleet(place.root))
-        eventually(lambda: joint_angle(fleet, "arm/pan") is not None, "the position of a joint")
-        yield running, fleet
 
 
 def count(fleet: Fleet, order: int) -> Invocation:
@@ -68,7 +41,7 @@ ORDERS = {
 
 @pytest.mark.parametrize("side", ORDERS)
 def test_whatever_is_restarted_the_robot_is_there_again_and_moves(side: str, tmp_path: Path) -> None:
-    with fleet_of(tmp_path, side) as (running, fleet):
+    with ros_fleet(tmp_path, side) as (running, fleet):
         for number, order in enumerate(ORDERS[side]):
             running.restart(*order)
             eventually(lambda: joint_angle(fleet, "arm/pan") is not None, f"a position after the restart of {order}")
@@ -77,8 +50,29 @@ def test_whatever_is_restarted_the_robot_is_there_again_and_moves(side: str, tmp
             await_angle(fleet, "arm/pan", to, within=0.02)
 
 
+@pytest.mark.parametrize(("side", "count"), [("ros2", 50), ("ros2dds", 12)])
+def test_after_many_restarts_the_robots_listed_are_the_agents_alive(side: str, count: int, tmp_path: Path) -> None:
+    with ros_fleet(tmp_path, side, without=()) as (running, fleet):
+        for _ in restarts(running, fleet, side, count):
+            pass
+
+
+def test_a_robot_that_comes_long_after_its_agent_is_found(tmp_path: Path) -> None:
+    """The agent has looked for it in vain."""
+    with ros_fleet(tmp_path, "ros2") as (running, fleet):
+        running.stop("router")
+        running.stop("robot")
+        running.restart("agent")
+        eventually(
+            lambda: "Unable to connect" in str(fleet["arm"].read().graph.value(fleet["arm"].node, LF.fault)), "why"
+        )
+        running.start("robot")
+        running.start("router")
+        eventually(lambda: joint_angle(fleet, "arm/pan") is not None, "a position")
+
+
 def test_the_result_of_a_goal_of_a_minute_survives_a_restart_of_the_router(tmp_path: Path) -> None:
-    with fleet_of(tmp_path, "ros2", pause_s=1.0) as (running, fleet):
+    with ros_fleet(tmp_path, "ros2", pause_s=1.0) as (running, fleet):
         run = count(fleet, order=62)
         eventually(lambda: state_of(run).get("feedback"), "a feedback")
         running.restart("router")
@@ -89,7 +83,7 @@ def test_the_result_of_a_goal_of_a_minute_survives_a_restart_of_the_router(tmp_p
 
 
 def test_a_goal_behind_the_bridge_survives_restarts_of_bridge_and_agent(tmp_path: Path) -> None:
-    with fleet_of(tmp_path, "ros2dds", pause_s=0.5) as (running, fleet):
+    with ros_fleet(tmp_path, "ros2dds", pause_s=0.5) as (running, fleet):
         run = count(fleet, order=62)
         eventually(lambda: state_of(run).get("feedback"), "a feedback")
         running.restart("router")

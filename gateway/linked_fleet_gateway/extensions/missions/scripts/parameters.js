@@ -49,7 +49,7 @@ function row(builder, parameter, index, error) {
     cell(input("maximum", "number", say("Greatest"), numberOf, { disabled: !numeric })),
     cell(options),
     cell(initial(builder, parameter, named(say("Default")), input, numberOf)),
-    cell(button(say("Delete"), () => builder.changed(() => builder.mission.parameters.splice(index, 1), say("Delete {name}", { name: parameter.name })), { "aria-label": say("Delete {name}", { name: parameter.name }) })),
+    cell(button(say("Delete"), () => builder.changed(() => builder.mission.parameters.splice(index, 1), say("Delete {name}", { name: parameter.name })), { className: "danger", "aria-label": say("Delete {name}", { name: parameter.name }) })),
   );
 }
 

@@ -173,9 +173,11 @@ def test_a_refusal_is_shown_in_the_words_of_the_server(
 
 
 @pytest.mark.parametrize("by", ["button", "keyboard"])
-def test_stop_is_always_in_reach(page: Page, form: Locator, by: str) -> None:
-    """It ends the running motion, and the page says so."""
-    fill(form, "6" if by == "button" else "-6", "rad")
+def test_stop_is_always_in_reach_and_holds(page: Page, form: Locator, ur5: Robot, watched: Watched, by: str) -> None:
+    """It ends the running motion, and the page says so; nothing moves until somebody resets it."""
+    slow = ur5.browser.http.put(f"{ur5.browser.root}ur5/maximumSpeedScale", json={"value": {"value": 0.05}})
+    assert slow.status_code == 204, slow.text
+    fill(form, "6" if ur5.angle < 0 else "-6", "rad")
     press(form)
     expect(task(page).locator(".state")).to_have_text("running")
     if by == "button":
@@ -185,6 +187,20 @@ def test_stop_is_always_in_reach(page: Page, form: Locator, by: str) -> None:
         page.keyboard.press("Escape")
     expect(page.locator("form.stop output")).to_contain_text("Stop accepted")
     expect(page.locator(".task .state", has_text="cancelled")).to_be_visible()
+    bar = page.locator("#latch-bar")
+    expect(bar).to_contain_text("The stop of ur5 holds since")
+    expect(bar).to_contain_text("s after the stop")
+    fill(form, "0.1", "rad")
+    press(form)
+    expect(form.locator("output.answer[data-state=error]")).to_contain_text("A stop holds until it is reset")
+    bar.get_by_role("button", name="Reset").click()
+    page.get_by_role("dialog").get_by_role("button", name="Reset").click()
+    expect(bar).to_have_count(0)
+    usual = ur5.browser.http.put(f"{ur5.browser.root}ur5/maximumSpeedScale", json={"value": {"value": 1.0}})
+    assert usual.status_code == 204, usual.text
+    press(form)
+    expect(form.locator("output.answer[data-state=error]")).to_have_count(0)
+    watched.forgive(REFUSED)
 
 
 def test_a_task_is_followed_on_the_next_page(page: Page, form: Locator, ur5: Robot) -> None:

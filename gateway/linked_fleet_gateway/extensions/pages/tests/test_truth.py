@@ -174,7 +174,7 @@ def test_one_escape_announces_that_a_second_one_stops(page: Page, watched: objec
     page.keyboard.press("Escape")
     page.keyboard.press("Escape")
     expect(said).to_contain_text("Stop accepted")
-    assert len(sent) == 1
+    assert sent[0].endswith("/actions/stopAll")
 
 
 def test_the_whole_label_of_stop_is_seen_on_a_phone(page: Page, watched: object, toy: tuple[Hub, Gateway]) -> None:

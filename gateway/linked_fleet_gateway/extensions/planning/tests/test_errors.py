@@ -9,10 +9,11 @@ from linked_fleet_gateway.extensions.planning.errors import (
     LineLeaves,
     NoPathFound,
     PlanChanged,
+    StartBlocked,
 )
 
 
-@pytest.mark.parametrize("kind", [GoalBlocked, NoPathFound, LineLeaves, PlanChanged, BreaksConstraint])
+@pytest.mark.parametrize("kind", [GoalBlocked, StartBlocked, NoPathFound, LineLeaves, PlanChanged, BreaksConstraint])
 def test_a_refusal_is_known_by_its_code(kind: type[MotionRefused]) -> None:
     """A repeated request gets the first answer again, of which the invocation has code and reason."""
     found = MotionRefused.type_for_code(kind.code)

@@ -19,6 +19,7 @@ from linked_fleet_gateway.extensions.planning.tests.arms import (
     joints,
     wall,
 )
+from linked_fleet_gateway.extensions.planning.timing import SMOOTHING_S
 from linked_fleet_gateway.extensions.world.collision_check import check
 from linked_fleet_gateway.extensions.world.messages import Answer, CollisionFound, Free, HeldObject
 from linked_fleet_gateway.extensions.world.questions import legs_through, waypoint_velocities
@@ -66,10 +67,10 @@ def test_a_path_keeps_to_speeds_and_positions(seed: int) -> None:
 
 
 def test_without_anything_in_the_way_the_path_is_straight_and_takes_its_time() -> None:
-    """A turn by a quarter at 1.5 rad/s, with ramps of 0.4 s."""
+    """A turn by a quarter at 1.5 rad/s, with ramps of 0.4 s, which begin and end smoothly."""
     found = path(Room(), Room().path(STRETCHED, TURNED))
     assert found.length == pytest.approx(found.direct)
-    assert found.times_s[-1] == pytest.approx(CORNER / SPEED + 0.4, rel=0.03)
+    assert found.times_s[-1] == pytest.approx(CORNER / SPEED + 0.4 + SMOOTHING_S, rel=0.03)
     assert found.tries == 1
 
 
@@ -112,6 +113,36 @@ def test_an_arm_that_begins_beside_a_wall_moves_away_from_it() -> None:
     asked = beside.path(STRETCHED, TURNED)
     found = path(beside, asked)
     assert isinstance(judged(beside, asked, found), Free)
+
+
+def test_an_arm_that_begins_beside_walls_keeps_its_distance_from_each() -> None:
+    """Its upper arm is nearer to one than its hand is to the other."""
+    near = wall(0.2, -0.02 - 0.002 - 0.05, 0.3, 0.1)
+    less_near = wall(1.0, -0.02 - 0.008 - 0.05, 0.3, 0.1)
+    beside = Room(near=near, less_near=less_near, post=wall(0.8, 0.5))
+    asked = beside.path(STRETCHED, TURNED)
+    assert isinstance(judged(beside, asked, path(beside, asked)), Free)
+
+
+def test_an_arm_that_begins_ahead_of_a_corner_leaves_it() -> None:
+    """What is larger by the clearance of paths has corners that are further out, in one of which the hand begins."""
+    beside = Room(corner=wall(1.17 + 0.0105 + 0.05, 0.02 + 0.0105 + 0.05), post=wall(0.8, -0.5))
+    asked = beside.path(STRETCHED, joints(-CORNER, 0.0, 0.0))
+    assert isinstance(judged(beside, asked, path(beside, asked)), Free)
+
+
+def test_an_arm_ends_as_near_to_a_wall_as_the_check_allows() -> None:
+    beside = Room(wall=wall(-0.02 - 0.0106 - 0.05, 0.8, 0.1, 0.6), post=wall(0.8, 0.5))
+    asked = beside.path(STRETCHED, TURNED)
+    assert isinstance(judged(beside, asked, path(beside, asked)), Free)
+
+
+def test_an_arm_without_a_path_is_told_what_is_near_its_start() -> None:
+    walls = {"left": wall(0.0, 0.8, 0.04, 1.4), "right": wall(0.0, -0.8, 0.04, 1.4)}
+    room = Room(**walls, post=wall(0.9, 0.02 + 0.005 + 0.03, 0.06, 0.06))
+    found = find(room.path(STRETCHED, joints(2.6, 0.0, 0.0), within_s=0.3), ROBOTS, room.shapes, {})
+    assert isinstance(found, BlockedAt) and found.place == "start", found
+    assert (found.by.link, found.by.name, found.by.share) == ("hand", "post", 0.0)
 
 
 def test_joints_that_do_not_move_stay_where_they_are() -> None:

@@ -10,8 +10,8 @@ import pytest
 from roboplan.core import JointPath
 
 from linked_fleet_gateway.extensions.planning.planner_scene import SceneWriter
-from linked_fleet_gateway.extensions.planning.tests.arms import ARM, BOUNDS, JOINTS, SPEED, STRETCHED
-from linked_fleet_gateway.extensions.planning.timing import fastest, quickly_timed_s, smooth
+from linked_fleet_gateway.extensions.planning.tests.arms import ACCELERATION, ARM, BOUNDS, JOINTS, SPEED, STRETCHED
+from linked_fleet_gateway.extensions.planning.timing import SMOOTHING_S, fastest, quickly_timed_s, smooth
 
 PLACES = (
     -2.19, -2.17, -2.14, -2.11, -2.07, -2.03, -1.98, -1.93, -1.88, -1.84, -1.75, -1.7, -1.66, -1.62, -1.58, -1.54, -1.5,
@@ -34,6 +34,23 @@ def few_bytes() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, (soft, hard))
 
 
+def test_jerk_is_bounded_with_speed_and_acceleration(tmp_path: Path) -> None:
+    """Also where a corner is rounded, and at both ends, before and after which the joints stand."""
+    made = SceneWriter(ARM, STRETCHED, BOUNDS, tmp_path).build_bare()
+    path = JointPath()
+    path.joint_names = made.scene.getJointNames()
+    path.positions = [np.array(row) for row in ((0.0, 0.0, 0.0), (1.5, 0.3, 0.0), (1.5, -1.2, 0.8), (0.2, -1.2, 2.0))]
+    found = fastest(made.scene, path, np.full(len(JOINTS), SPEED))
+    assert found is not None
+    step_s = found.times_s[1] - found.times_s[0]
+    assert np.diff(found.times_s) == pytest.approx(step_s)
+    rows = np.concatenate([found.positions[:1]] * 3 + [found.positions] + [found.positions[-1:]] * 3)
+    speed, acceleration, jerk = (np.abs(np.diff(rows, n, axis=0)).max() / step_s**n for n in (1, 2, 3))
+    assert 0.9 * SPEED < speed <= SPEED
+    assert 0.9 * ACCELERATION < acceleration <= 1.02 * ACCELERATION
+    assert jerk <= 1.05 * 2 * ACCELERATION / SMOOTHING_S
+
+
 def test_a_curve_that_takes_months_is_none(tmp_path: Path) -> None:
     made = SceneWriter(ARM, STRETCHED, BOUNDS, tmp_path).build_bare()
     rows = np.zeros((len(PLACES), len(JOINTS)))
@@ -47,4 +64,4 @@ def test_a_curve_that_takes_months_is_none(tmp_path: Path) -> None:
     assert found.positions[-1] == pytest.approx(rows[-1])
     assert with_stops_s is not None
     least_s = (PLACES[-1] - PLACES[0]) / SPEED
-    assert least_s < found.duration_s <= with_stops_s * 1.01
+    assert least_s < found.duration_s <= with_stops_s * 1.01 + SMOOTHING_S

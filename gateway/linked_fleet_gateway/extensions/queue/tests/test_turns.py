@@ -9,6 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from linked_fleet_gateway.api import Conflict, Robot
+from linked_fleet_gateway.extensions.latches.extension import Latches
+from linked_fleet_gateway.extensions.latches.latch import Latch
 from linked_fleet_gateway.extensions.missions.record import Creator
 from linked_fleet_gateway.extensions.queue.order import Choice, Order, Point, Wanted
 from linked_fleet_gateway.extensions.queue.ranks import (
@@ -165,6 +167,16 @@ def test_an_order_for_a_robot_that_is_away_keeps_nobody_waiting() -> None:
     fleet = robots(robot("a"), robot("b", online=False))
     assert decide("1", order(), Need(("a", "b")), fleet).reason == "waits for b, which is offline"
     assert decide("2", order(), Need(("a",)), fleet).robots == ("a",)
+
+
+def test_an_order_waits_for_a_robot_whose_stop_holds() -> None:
+    fleet = robots(robot("a"), robot("b"))
+    fleet.latches = cast(Latches, SimpleNamespace(of={"a": ("1", Latch("a"))}.get))
+    assert (
+        decide("1", order(), Need(("a",)), fleet).reason
+        == "waits for a, which is stopped, and the stop holds until it is reset"
+    )
+    assert decide("2", order(), Need(("b",)), fleet).robots == ("b",)
 
 
 @pytest.mark.parametrize(

@@ -66,7 +66,7 @@ function row(iri) {
   link.href = iri;
   const form = make("details", { className: "action" }, make("summary", {}, say("Move or change it")));
   Object.assign(form.dataset, { include: iri, place: "" });
-  const button = make("button", { type: "button", className: "quiet" }, say("Delete"));
+  const button = make("button", { type: "button", className: "danger" }, say("Delete"));
   button.dataset.delete = iri;
   button.dataset.needs = "admin";
   item.append(make("h3", {}, link, " ", make("small")), button, form);

@@ -1,4 +1,5 @@
-// The stop button. It depends on nothing else of the page, and works whatever else fails.
+// The stop button. It depends on nothing else of the page, and works whatever else fails. It is the event `stopping` of the
+// document when a stop is requested, and `stopped` when that was answered, with its action and its invocation.
 
 import { say } from "./say.js";
 
@@ -55,14 +56,17 @@ async function stop(form, output) {
   // The request continues: a late response is shown as well.
   const late = setTimeout(() => tell("error", NO_ANSWER), ANSWER_MS);
   try {
-    const response = await fetch(form.dataset.action, {
+    const asked = fetch(form.dataset.action, {
       method: "POST",
       headers: { Accept: "application/problem+json" },
       keepalive: true,
       priority: "high",
       cache: "no-store",
     });
+    announce("stopping", form);
+    const response = await asked;
     clearTimeout(late);
+    announce("stopped", form, { invocation: response.headers.get("location"), isConfirmed: response.ok });
     if (response.ok) return tellLast("done", at(say("Stop accepted")));
     tell("error", await reason(response));
     const invocation = response.status === 504 && response.headers.get("location");
@@ -72,6 +76,11 @@ async function stop(form, output) {
     tell("error", NO_ANSWER);
     if (await until(shown, form.dataset.action, ({ status }) => status < 500)) tellLast("error", ANSWERS_AGAIN);
   }
+}
+
+/** Tell other scripts of the page, which cannot hinder the stop. */
+function announce(type, form, more = {}) {
+  document.dispatchEvent(new CustomEvent(type, { detail: { action: form.dataset.action, ...more } }));
 }
 
 function at(text) {

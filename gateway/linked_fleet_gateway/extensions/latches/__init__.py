@@ -1,0 +1,1 @@
+"""Stops that hold until a person resets them. See README.md."""

@@ -1,0 +1,184 @@
+"""The extension ``latches``: stops that hold until a person resets them."""
+
+import time
+from collections.abc import AsyncIterator, Mapping, Sequence
+from contextlib import asynccontextmanager
+from functools import partial
+from pathlib import Path
+
+from msgspec.structs import replace
+
+from linked_fleet_gateway.api import (
+    Conflict,
+    Container,
+    Core,
+    Extension,
+    Motion,
+    Mount,
+    Right,
+    Robot,
+    Table,
+    gauge,
+    timestamp,
+)
+from linked_fleet_gateway.base.errors import InsufficientScope, MotionRefused
+from linked_fleet_gateway.extensions.latches.latch import (
+    FLEET,
+    Latch,
+    describe_latch,
+    nothing_there,
+    read_latch,
+)
+from linked_fleet_gateway.extensions.latches.terms import LF
+from linked_fleet_gateway.faces import Identity, Tree, View
+from linked_fleet_gateway.fleet.unchecked import Finding
+
+HERE = Path(__file__).parent
+SEGMENT = "stopLatches"
+_MOST = 10_000
+_FREE = Finding(free=True)
+
+
+class StopLatched(MotionRefused):
+    """A stop of the robot, or of the fleet, holds until a person resets it."""
+
+    status, code, title = 409, "stop-latched", "A stop holds until it is reset"
+
+
+class Latches:
+    """The latches as the records of their container, of which a robot has one, and the fleet one."""
+
+    def __init__(self, table: Table[Latch]) -> None:
+        self._table, self.known = table, table.known
+
+    def of(self, robot: str) -> tuple[str, Latch] | None:
+        """Return the latch that keeps a robot still, with its id; None if it may move."""
+        found = None
+        for id, each in self.known.items():
+            if each.robot == FLEET:
+                return id, each
+            if each.robot == robot:
+                found = id, each
+        return found
+
+    async def add(self, record: Latch) -> str:
+        """Add a latch and return its id; that of the known one if it says as much.
+
+        Raises Conflict, RedisUnavailable, ContainerFull.
+        """
+        for id, each in self.known.items():
+            if each.robot == record.robot:
+                if record.reason in ("", each.reason):
+                    return id
+                raise Conflict(f"The {record.title[0].lower()}{record.title[1:]} holds already: PUT /{SEGMENT}/{id}.")
+        return await self._table.add(record)
+
+    async def change(self, id: str, record: Latch | None) -> bool:
+        """Replace the reason of a latch, or reset it for None. Return False if it has changed meanwhile.
+
+        Raises Conflict for what would keep another robot still.
+        """
+        held = self.known.get(id)
+        if record is not None and held is not None:
+            if record.robot != held.robot:
+                raise Conflict(f"This latch is about {held.path}. Post another one for {record.path}.")
+            record = replace(record, by=held.by, since_ns=held.since_ns)
+        return await self._table.change(id, record)
+
+
+class _Guard:
+    """Refuses the motions of robots whose stop holds, also those that are rehearsed."""
+
+    finding_predicate = LF.notLatched
+
+    def __init__(self, latches: Latches) -> None:
+        self._latches = latches
+
+    async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
+        self._check(robot)
+
+    async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> Finding:
+        self._check(motion.robot)
+        return _FREE
+
+    def _check(self, robot: Robot) -> None:
+        if (found := self._latches.of(robot.name)) is None:
+            return
+        id, latch = found
+        what = robot.name if latch.robot else "the fleet"
+        why = f" ({latch.reason})" if latch.reason else ""
+        detail = (
+            f"{latch.by} stopped {what} at {timestamp(latch.since_ns).value}{why}, and the stop holds. "
+            f"Who may reset it deletes /{SEGMENT}/{id}."
+        )
+        raise StopLatched(detail, reason=f"the stop of {what} holds")
+
+
+class LatchesExtension(Extension):
+    """Stops that hold, at ``/stopLatches``."""
+
+    name = "latches"
+    at_root = (SEGMENT,)
+    guards_motions = True
+    vocabulary = (HERE / "vocabulary.ttl",)
+    shapes = (HERE / "shapes.ttl",)
+
+    def views(self) -> Sequence[object]:
+        from linked_fleet_gateway.extensions.latches import page
+
+        return page.VIEWS
+
+    @asynccontextmanager
+    async def start(self, core: Core) -> AsyncIterator[Mount]:
+        table = core.table(SEGMENT, Latch, partial(_tell, core), _MOST)
+        async with table:
+            latches = Latches(table)
+            yield Mount(
+                branches=(_container(core.robots, latches).branch,),
+                guard=_Guard(latches),
+                services=(latches,),
+                metrics=lambda: [
+                    gauge("stop_latches", "Stops that hold until somebody resets them.", len(table.known))
+                ],
+            )
+
+
+def _tell(core: Core, id: str, before: Latch | None, after: Latch | None) -> None:
+    """Tell the subscribers of a latch, of all latches, and of those of its robot."""
+    if before is None:
+        core.live.fan_out.add_resource(f"/{SEGMENT}/{id}")
+    core.mark_changed(f"/{SEGMENT}/{id}", f"/{SEGMENT}")
+
+
+def _container(robots: Mapping[str, Robot], records: Latches) -> Container[Latch]:
+    return Container(
+        segment=SEGMENT, title="Stops that hold", type=LF.StopLatchList, member_type=LF.StopLatch, records=records,
+        shape=LF.StopLatchInput, read=partial(read_latch, robots), describe=describe_latch,
+        title_of=lambda latch: latch.title, predicate=LF.stopLatches, member_blueprint=LF.StopLatchShape,
+        writing=(Right.STOP, Right.RESET), check=_check, owned=_may_reset, signed=_signed, visible=_is_visible,
+    )  # fmt: skip
+
+
+async def _check(latch: Latch, tree: Tree, caller: Identity) -> None:
+    """Raise UnprocessableContent for a hidden robot or another gateway; InsufficientScope without the right to stop."""
+    if latch.base != tree.view.base or not _is_visible(latch, tree.view.visible_robots):
+        raise nothing_there(latch.base + latch.path)
+    if not _has_right(caller, Right.STOP, latch):
+        raise InsufficientScope(f"The {latch.title} takes the right to stop there.", scope=Right.STOP)
+
+
+def _is_visible(latch: Latch, sees: View) -> bool:
+    return latch.robot == FLEET or sees.includes(latch.robot)
+
+
+def _may_reset(latch: Latch, caller: Identity, client: str) -> bool:
+    return _has_right(caller, Right.RESET, latch)
+
+
+def _has_right(caller: Identity, right: Right, latch: Latch) -> bool:
+    """Return True for somebody with the right on the robot or, for a latch of the fleet, on all robots."""
+    return caller.has_right(right, latch.robot) if latch.robot else caller.view_for(right).includes_all
+
+
+def _signed(latch: Latch, caller: Identity, client: str) -> Latch:
+    return replace(latch, base="", by=caller.name or client, since_ns=time.time_ns())

@@ -1,0 +1,131 @@
+"""Stops that hold: who may latch and reset, what is refused meanwhile, and that gateways share them."""
+
+import contextlib
+from collections.abc import Iterator
+
+import httpx
+import pytest
+
+from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
+from browser import LDP, LF, Browser
+from gateway_group import Gateway, gateways, hub
+from redis_servers import Servers, single
+from running import eventually, process
+from small_fleet import live
+
+pytestmark = pytest.mark.virtual
+
+
+def latch(browser: Browser, about: str, **more: str) -> httpx.Response:
+    return browser.http.post(browser.root + "stopLatches", json={"about": browser.root + about, **more})
+
+
+def move(browser: Browser, robot: str = SEEN, **headers: str) -> httpx.Response:
+    url = f"{browser.root}{robot}/wrist_3_joint/actions/rotate"
+    body = {"value": 0.1, "unit": "http://qudt.org/vocab/unit/RAD"}
+    return browser.http.post(url, json=body, headers={"prefer": "respond-async", **headers})
+
+
+def listed(browser: Browser) -> set[str]:
+    page = browser.page(browser.root + "stopLatches")
+    return {str(each) for each in page.graph.objects(page.iri, LDP.contains)}
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AuthenticatedGateway]:
+    with run_authenticated(tmp_path_factory.mktemp("guarded")) as one:
+        one.add("chief", *ALL)
+        one.add("ann", "read", "act")
+        one.add("guard", "read", "stop")
+        one.add("lab", "read", "act", "reset", robots=("lab-*",))
+        one.add("reader", "read")
+        one.known("reader")
+        yield one
+
+
+@pytest.mark.parametrize("about", [f"{SEEN}/", ""])
+def test_motions_are_refused_until_somebody_with_the_right_resets(here: AuthenticatedGateway, about: str) -> None:
+    with here.browsing("ann") as ann, here.browsing("guard") as guard, here.browsing("chief") as chief:
+        assert move(ann).status_code == 202
+        url = latch(guard, about, reason="Somebody is in the cell.").headers["location"]
+        for dry in ({}, {"prefer": "dry-run"}):
+            refused = move(ann, **dry)
+            assert refused.status_code == 409
+            said = refused.json()
+            assert said["type"].endswith("stop-latched")
+            assert "guard stopped" in said["detail"] and "Somebody is in the cell." in said["detail"]
+            assert url.removeprefix(ann.root) in said["detail"]
+        assert ann.http.post(f"{ann.root}{SEEN}/actions/stop").status_code == 204
+        assert ann.http.delete(url).status_code == 403 == guard.http.delete(url).status_code
+        page = ann.page(url)
+        assert str(page.one(LF.latchAbout)) == ann.root + about
+        assert str(page.one(LF.latchedBy)) == "guard"
+        html = ann.http.get(f"{ann.root}stopLatches", headers={"accept": "text/html"}).text
+        assert "Somebody is in the cell." in html and "Reset" in html
+        assert chief.http.delete(url).status_code == 204
+        assert move(ann).status_code == 202
+
+
+def test_a_robot_has_one_latch_and_the_fleet_one(here: AuthenticatedGateway) -> None:
+    with here.browsing("chief") as chief:
+        first, fleet = latch(chief, f"{SEEN}/").headers["location"], latch(chief, "").headers["location"]
+        for about, url in ((f"{SEEN}/", first), ("", fleet)):
+            assert latch(chief, about).headers["location"] == url
+            again = latch(chief, about, reason="Another one.")
+            assert again.status_code == 409 and "holds already" in again.text
+        assert listed(chief) == {first, fleet}
+        for url in (first, fleet):
+            assert move(chief).status_code == 409
+            assert chief.http.delete(url).status_code == 204
+        assert move(chief).status_code == 202
+
+
+def test_latching_takes_the_right_to_stop_and_a_robot_that_is_seen(here: AuthenticatedGateway) -> None:
+    with here.browsing("reader") as reader, here.browsing("lab") as lab, here.browsing("chief") as chief:
+        assert latch(reader, f"{SEEN}/").status_code == 403
+        assert latch(lab, "").status_code == 403
+        for nothing in ("nobody/", SEEN, f"{SEEN}/elbow_joint/", "actions/stopAll", "stopLatches"):
+            assert latch(chief, nothing).status_code == 422, nothing
+        hidden, nobody = (latch(lab, about) for about in (f"{HIDDEN}/", "nobody/"))
+        assert hidden.json()["detail"].replace(HIDDEN, "nobody") == nobody.json()["detail"]
+        elsewhere = {"about": f"http://elsewhere.example/{SEEN}/"}
+        assert chief.http.post(chief.root + "stopLatches", json=elsewhere).status_code == 422
+        url = latch(chief, f"{HIDDEN}/").headers["location"]
+        assert lab.http.get(url).status_code == 404 and url not in listed(lab)
+        assert chief.http.delete(url).status_code == 204
+
+
+def test_a_change_keeps_who_stopped_and_what(here: AuthenticatedGateway) -> None:
+    with here.browsing("guard") as guard, here.browsing("chief") as chief:
+        url = latch(guard, f"{SEEN}/").headers["location"]
+        assert chief.http.put(url, json={"about": chief.root, "reason": "x"}).status_code == 409
+        changed = chief.http.put(url, json={"about": f"{chief.root}{SEEN}/", "reason": "The belt is torn."})
+        assert changed.status_code == 204, changed.text
+        page = chief.page(url)
+        assert str(page.one(LF.latchAbout)) == f"{chief.root}{SEEN}/" and str(page.one(LF.latchedBy)) == "guard"
+        assert str(page.one(LF.reason)) == "The belt is torn."
+        assert chief.http.delete(url).status_code == 204
+
+
+@pytest.fixture
+def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Servers, Gateway, Gateway]]:
+    with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre, contextlib.ExitStack() as stack:
+        stack.enter_context(process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", centre.endpoint))
+        one, other = stack.enter_context(gateways(centre, memory.url))
+        for each in (one, other):
+            live(each.browser, "ur5")
+        yield memory, one, other
+
+
+def test_gateways_share_latches_and_known_ones_hold_while_redis_is_away(
+    two: tuple[Servers, Gateway, Gateway],
+) -> None:
+    memory, one, other = two
+    assert latch(one.browser, "ur5/").status_code == 201
+    eventually(lambda: move(other.browser, "ur5").status_code == 409, "the latch at the other gateway")
+    memory.kill()
+    for each in (one, other):
+        refused = move(each.browser, "ur5")
+        assert refused.status_code in (409, 503), refused.text
+        assert latch(each.browser, "").status_code == 503
+        assert each.browser.http.post(each.browser.root + "ur5/actions/stop").status_code == 204
