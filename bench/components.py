@@ -1,4 +1,4 @@
-"""The cost of components: values of many robots, GETs of values, one value on its way to a subscriber, and joining.
+"""The cost of components: values of many robots, GETs, a value on its way to a subscriber, joining, and shapes.
 
 ``python -m bench.components --play ENDPOINT`` plays robots. A line on its standard input is a number of components and
 one of robots, which then appear, or a rate at which each of these publishes values, all of them changed.
@@ -22,7 +22,7 @@ from pathlib import Path
 import httpx
 import msgspec
 from msgspec import Raw
-from msgspec.structs import asdict
+from msgspec.structs import asdict, replace
 from websockets.sync.client import connect
 
 import fake_robots
@@ -41,12 +41,16 @@ from linked_fleet_agent.wire.components import (
     Values,
 )
 from linked_fleet_agent.wire.messages import Description
+from linked_fleet_agent.wire.schema import MAX_MEMBERS, Schema
+from linked_fleet_gateway.extensions.components.declarations import Input
+from linked_fleet_gateway.extensions.components.places import place_of
 from running import Process, eventually, free_port, process
 from small_fleet import Place
 
 ROBOTS, COMPONENTS, NUMBERS, RATE_HZ = 200, 4, 5, 10.0
-MOST_SHARE, MOST_JOINING_MS, MOST_CALLBACK_MS, MOST_MS = 0.5, 20.0, 5.0, 1.0
-_MOST_COMPONENTS, _JOINING = 64, 9
+MOST_SHARE, MOST_JOINING_MS, MOST_CALLBACK_MS, MOST_COMPILING_MS, MOST_MS = 0.5, 20.0, 5.0, 5.0, 1.0
+_MOST_COMPONENTS, _JOINING, _COMPILED = 64, 9, 25
+_MEMBERS = {f"value-{number}": number for number in range(MAX_MEMBERS)}
 _SETTLED_S = 1.0
 
 
@@ -74,6 +78,7 @@ def rows(seconds: float) -> list[Row]:
         at_most("from a robot's value to its subscriber, p50", percentile(told_ms, 0.5), "a frame on Zenoh",
                 percentile(raw_ms, 0.5), MOST_MS),
         *_joining(),
+        *_compiling(),
     ]  # fmt: skip
 
 
@@ -130,8 +135,8 @@ def _told_ms(place: Place, players: "Players", count: int) -> list[float]:
 
 
 def _joining() -> list[Row]:
-    """Return the rows of one robot of 64 components that joins: processor of all threads, and the longest callback."""
-    costs, longest = list[float](), list[float]()
+    """Return the rows of one robot of 64 components: what it costs that it joins, and that it is read first."""
+    costs, longest, first = list[float](), list[float](), list[float]()
     with tempfile.TemporaryDirectory() as state:
         place = Place(Path(state))
         _, _, *words = place.command()
@@ -147,11 +152,41 @@ def _joining() -> list[Row]:
                     eventually(partial(_joined, place, number), f"robot {number} with its components")
                     costs.append((cpu_s(pid) - spent) * 1e3)
                     longest.append(_longest_ms(gateway))
+                    httpx.get(place.root + _name(number) + "/").raise_for_status()
+                    time.sleep(0.1)  # the callback ends after its answer
+                    first.append(_longest_ms(gateway))
     name = f"a robot of {_MOST_COMPONENTS} components joins"
     return [
         bounded(f"{name}: processor of all threads", "ms", statistics.median(costs), MOST_JOINING_MS),
         bounded(f"{name}: longest callback of the event loop", "ms", statistics.median(longest), MOST_CALLBACK_MS),
+        bounded(f"first GET of a robot of {_MOST_COMPONENTS} components: longest callback of the event loop", "ms",
+                statistics.median(first), MOST_CALLBACK_MS),
+    ]  # fmt: skip
+
+
+def _compiling() -> list[Row]:
+    """Return the rows of the shape of an input of as many numbers as one may have: processor of a thread."""
+    what = f"the shape of an input of {MAX_MEMBERS} numbers"
+    alike = dict.fromkeys(_MEMBERS, Schema(type="number", unit="M", minimum=0, maximum=0.1))
+    differ = {each: Schema(type="number", unit="N", minimum=at / 8, maximum=at + 0.3) for each, at in _MEMBERS.items()}
+    units = {each: replace(schema, unit="M") for each, schema in differ.items()}
+    return [
+        bounded(f"{what} with the same limits, in several units", "ms", _compiled_ms(alike), MOST_COMPILING_MS),
+        bounded(f"{what} with limits of their own", "ms", _compiled_ms(differ), MOST_COMPILING_MS),
+        bounded(f"{what} with limits of their own, in several units", "ms", _compiled_ms(units), MOST_COMPILING_MS),
     ]
+
+
+def _compiled_ms(members: dict[str, Schema]) -> float:
+    place, costs = (
+        place_of(Schema(type="object", properties=members), "http://example.org/r/vocabulary#x"),
+        list[float](),
+    )
+    for _ in range(_COMPILED):
+        begun_s = time.process_time()
+        assert Input(place).validator
+        costs.append((time.process_time() - begun_s) * 1e3)
+    return statistics.median(costs)
 
 
 def _joined(place: Place, number: int) -> bool:

@@ -66,7 +66,7 @@ _CORE = ("api", "serving", "app", "http", "actions", "subscriptions", "link", "s
 
 
 @pytest.mark.parametrize(
-    "module", ["query.worker", "components.copier", "reach.can_reach", "world.check_process", "world.worker"]
+    "module", ["query.worker", "components.part", "reach.can_reach", "world.check_process", "world.worker"]
 )
 def test_worker_processes_load_neither_http_nor_zenoh(module: str) -> None:
     name = f"linked_fleet_gateway.extensions.{module}"

@@ -14,7 +14,7 @@ from linked_fleet_client.errors import BadAnswer, ClientError, Controlled, Contr
 from linked_fleet_client.resource import Resource
 from linked_fleet_client.retry import Repeat
 from linked_fleet_client.vocabulary import DCTERMS, LF, RDFS, XSD, is_web
-from linked_fleet_client.web import Answer, Web, origin
+from linked_fleet_client.web import Answer, HeldControl, Web, origin
 
 DURATION_S = 30.0
 """A lease ends after this time, unless it is renewed: so long others wait for a client that has vanished."""
@@ -143,7 +143,7 @@ class Control:
                 pause_s = self.duration_s / _RENEWALS / _TRIES
 
 
-def control_of(action: Resource) -> Control | None:
+def control_of(action: Resource) -> HeldControl | None:
     """Return the control that this client has of the robot of an action, if any."""
     controls = action.web.controls
     return next((controls[iri] for iri in _above(action) if iri in controls), None) if controls else None

@@ -15,10 +15,9 @@ from websockets.http11 import Response
 from websockets.sync.client import ClientConnection, connect
 from websockets.typing import Subprotocol
 
-from linked_fleet_client.control import Control
 from linked_fleet_client.errors import BadAnswer, ClientError, InvalidInput, StreamEnded, Unreachable, problem
 from linked_fleet_client.vocabulary import document_of
-from linked_fleet_client.web import Web, origin
+from linked_fleet_client.web import HeldControl, Web, origin
 
 MOST_SAMPLE_BYTES = 2048
 _MOST_MESSAGE_BYTES = 256 * 1024
@@ -57,7 +56,7 @@ class Stream:
     not move it. Without samples it brakes within a fraction of a second. Not for several threads.
     """
 
-    def __init__(self, web: Web, iri: str, protocol: str, control: Control | None) -> None:
+    def __init__(self, web: Web, iri: str, protocol: str, control: HeldControl | None) -> None:
         self._web, self._url, self._protocol, self._control = web, document_of(iri), protocol, control
         self._told, self._socket = Told(), None  # type: tuple[Told, ClientConnection | None]
         self.invocation = ""

@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import httpx
 import rdflib
@@ -27,9 +27,6 @@ MAX_REDIRECTS = 5
 _KEPT = 512
 _SAME_REQUEST = frozenset({307, 308})
 _REDIRECTS = frozenset({301, 302, 303, *_SAME_REQUEST})
-if TYPE_CHECKING:
-    from linked_fleet_client.control import Control
-
 # rdflib would expand such a number to all its digits: a few bytes on the wire, gigabytes in memory. A literal without a
 # datatype is no number: the digest in a version may look like one.
 _HUGE_NUMBER = re.compile(r"""["'][\s+-]*[\d._]+[eE][+-]?[\d_]{7,}\s*["']+(?:\s|#[^\n]*\n)*\^\^""")
@@ -97,6 +94,22 @@ def origin(iri: str | httpx.URL) -> tuple[str, str, int]:
     return url.scheme, url.host, url.port or (443 if url.scheme == "https" else 80)
 
 
+class HeldControl(Protocol):
+    """The control that this client has of a robot (``control.Control``)."""
+
+    iri: rdflib.URIRef
+
+    def check(self) -> None:
+        """Check that the lease is held. Raises ControlLost."""
+
+    @property
+    def proof(self) -> dict[str, str]:
+        """The field of a request by which its client is known to have control."""
+
+    def send(self, method: str, url: str, body: bytes | None, headers: dict[str, str]) -> Answer:
+        """Send the request of a motion with the proof. Raises ControlLost."""
+
+
 @dataclass
 class Web:
     """The connections of one client and its cached documents. Threads may share it.
@@ -115,7 +128,7 @@ class Web:
         self.http = httpx.Client(timeout=self.timeout_s, headers=headers, auth=self.auth)
         self._seen: OrderedDict[str, Document] = OrderedDict()
         self._lock = threading.Lock()
-        self.controls: dict[str, Control] = {}
+        self.controls: dict[str, HeldControl] = {}
         """Control of robots that this client has at present, by their IRIs."""
 
     def close(self) -> None:

@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 
-from pyoxigraph import NamedNode, Triple
+from pyoxigraph import NamedNode
 
 from linked_fleet_shacl.data import Data, Reach
-from linked_fleet_shacl.report import TermTexts, Violation, shortened
+from linked_fleet_shacl.report import AnyTriple, TermTexts, Violation, shortened
 from linked_fleet_shacl.terms import SHACL, Node, Term
 
 MOST = 25  # violations in a report; more would not help its reader
@@ -42,7 +42,7 @@ class Run:
         return found
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class Count:
     """A constraint on all value nodes of a shape together."""
 
@@ -51,7 +51,7 @@ class Count:
     holds: Callable[[Data, Values], bool]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class Relation:
     """A constraint on the relation of a focus node to its value nodes or to the surrounding data.
 
@@ -66,7 +66,7 @@ class Relation:
         return next(iter(self.faults(data, focus, values)), None) is None
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class Constraint:
     """A constraint on each value node; violations of the ``inner`` shapes explain it."""
 
@@ -82,7 +82,7 @@ class Constraint:
         return shortened(told or f"{run.texts.text(value)} must be {self.expected}"), detail
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class Either(Constraint):
     """``sh:or``, explained by the intended branch if that can be determined."""
 
@@ -95,7 +95,7 @@ class Either(Constraint):
         return shortened(f"{run.texts.text(value)} must be {self.expected}"), tuple(v for each in found for v in each)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False, slots=True)
 class Switch(Constraint):
     """``sh:or`` whose branches each require certain values of one predicate; only branches that apply are checked."""
 
@@ -213,7 +213,7 @@ class CompiledShape:
     """A compiled shape with the triples of its shapes graph by subject (for ``report``)."""
 
     shape: Shape
-    triples: Mapping[Node, Sequence[Triple]]
+    triples: Mapping[Node, Sequence[AnyTriple]]
     texts: TermTexts
 
     def check(self, data: Data, focus: Term) -> list[Violation]:

@@ -1,7 +1,6 @@
 """Compilation of a shapes graph. Shapes are trusted: the cost of their patterns and paths is not bounded."""
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Iterable, Mapping, Sequence
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
@@ -17,9 +16,10 @@ from linked_fleet_shacl.data import (
     sequence_path,
 )
 from linked_fleet_shacl.relations import RELATIONS
-from linked_fleet_shacl.report import TermTexts, shortened, term_text
+from linked_fleet_shacl.report import AnyTriple, TermTexts, shortened, term_text
 from linked_fleet_shacl.statements import (
     TARGETS,
+    Shapes,
     Statements,
     Unsupported,
     at_most_one,
@@ -34,12 +34,17 @@ _KNOWN = frozenset(
     (*COUNTS, *RELATIONS, *EACH, *TARGETS, SHACL.property, SHACL.path, SHACL.flags, SHACL.ignoredProperties, SHACL.name,
      SHACL.description, SHACL.order, SHACL.group, SHACL.defaultValue, SHACL.message, SHACL.severity, SHACL.deactivated)
 )  # fmt: skip
+_READERS: Mapping[NamedNode, Callable[[Shapes, Statements, int], Iterable[Count | Relation | Constraint]]] = {
+    **COUNTS, **RELATIONS, **EACH,
+}  # fmt: skip
 _WITH_QUALIFIED = (SHACL.qualifiedMinCount, SHACL.qualifiedMaxCount, SHACL.qualifiedValueShapesDisjoint)
 _OF_GRAPHS = {SHACL.parameter: "constraint components of one's own", SHACL.entailment: "sh:entailment"}
 
 
 def compile_shape(
-    triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], shape: Node, prefixes: Mapping[str, str] = PREFIXES
+    triples: Iterable[AnyTriple] | Mapping[Node, Sequence[AnyTriple]],
+    shape: Node,
+    prefixes: Mapping[str, str] = PREFIXES,
 ) -> CompiledShape:
     """Compile ``shape`` of a shapes graph for any focus node, ignoring targets; ``prefixes`` shorten IRIs in messages.
 
@@ -49,18 +54,19 @@ def compile_shape(
 
 
 def compile_graph(
-    triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str] = PREFIXES
+    triples: Iterable[AnyTriple] | Mapping[Node, Sequence[AnyTriple]], prefixes: Mapping[str, str] = PREFIXES
 ) -> CompiledGraph:
     """Compile all shapes of a graph that have targets. Raises Unsupported, which names the construct."""
     compiler = Compiler(triples, prefixes)
-    triples = [triple for about in compiler.triples.values() for triple in about]
-    return CompiledGraph([(compiler.compile(shape), find) for shape, find in targets(triples)])
+    stated = [Triple(*triple) for about in compiler.triples.values() for triple in about]
+    return CompiledGraph([(compiler.compile(shape), find) for shape, find in targets(stated)])
 
 
-def _by_subject(triples: Iterable[Triple]) -> dict[Node, list[Triple]]:
-    found: dict[Node, list[Triple]] = {}
+def _by_subject(triples: Iterable[AnyTriple]) -> dict[Node, list[AnyTriple]]:
+    found: dict[Node, list[AnyTriple]] = {}
     for triple in triples:
-        found.setdefault(triple.subject, []).append(triple)  # type: ignore[arg-type]
+        subject, _, _ = triple
+        found.setdefault(subject, []).append(triple)
     return found
 
 
@@ -68,11 +74,11 @@ class Compiler:
     """Compiles several shapes of one graph, which is searched once for what is unsupported. Raises Unsupported."""
 
     def __init__(
-        self, triples: Iterable[Triple] | Mapping[Node, Sequence[Triple]], prefixes: Mapping[str, str] = PREFIXES
+        self, triples: Iterable[AnyTriple] | Mapping[Node, Sequence[AnyTriple]], prefixes: Mapping[str, str] = PREFIXES
     ) -> None:
         self.triples = triples if isinstance(triples, Mapping) else _by_subject(triples)
         self.texts = TermTexts(prefixes)
-        for predicate in (t.predicate for about in self.triples.values() for t in about):
+        for predicate in {predicate for about in self.triples.values() for _, predicate, _ in about}:
             if predicate in _OF_GRAPHS:
                 raise Unsupported(_OF_GRAPHS[predicate])
         self._open: set[Node] = set()
@@ -112,13 +118,14 @@ class Compiler:
         if SHACL.deactivated in stated and boolean(stated, SHACL.deactivated):
             return shape
         inner = depth if path is None else min(depth + 1, 2)
-        shape = replace(
-            shape,
-            counts=tuple(c for p in stated if p in COUNTS for c in COUNTS[p](self, stated, inner)),
-            relations=tuple(c for p in stated if p in RELATIONS for c in RELATIONS[p](self, stated, inner)),
-            value_constraints=tuple(c for p in stated if p in EACH for c in EACH[p](self, stated, inner)),
-            properties=tuple(self._property(each, inner) for each in stated.get(SHACL.property, ())),
-        )
+        found = [
+            each for predicate in stated if (read := _READERS.get(predicate)) for each in read(self, stated, inner)
+        ]
+        if found:
+            shape.counts = tuple(each for each in found if isinstance(each, Count))
+            shape.relations = tuple(each for each in found if isinstance(each, Relation))
+            shape.value_constraints = tuple(each for each in found if isinstance(each, Constraint))
+        shape.properties = tuple([self._property(each, inner) for each in stated.get(SHACL.property, ())])
         shape.requires = self._requires(shape, stated)
         shape.expected = _expected(shape)
         return shape
@@ -142,8 +149,10 @@ class Compiler:
 
     def statements(self, node: Term) -> dict[NamedNode, list[Term]]:
         found: dict[NamedNode, list[Term]] = {}
-        for triple in dict.fromkeys(self.triples.get(node, ())):  # type: ignore[arg-type]
-            found.setdefault(triple.predicate, []).append(triple.object)
+        for _, predicate, value in self.triples.get(node, ()):  # type: ignore[arg-type]
+            values = found.setdefault(predicate, [])
+            if not values or value not in values:
+                values.append(value)
         return found
 
     def paths(self, properties: Iterable[Term]) -> Iterable[NamedNode]:
@@ -204,7 +213,7 @@ class Compiler:
 def _refuse_unknown(stated: Statements) -> None:
     known = _KNOWN.union(_WITH_QUALIFIED) if SHACL.qualifiedValueShape in stated else _KNOWN
     for predicate in stated:
-        if predicate.value.startswith(SHACL.iri) and predicate not in known:
+        if predicate not in known and predicate.value.startswith(SHACL.iri):
             raise Unsupported(term_text(predicate))
     if SHACL.qualifiedValueShapesDisjoint in stated and boolean(stated, SHACL.qualifiedValueShapesDisjoint):
         raise Unsupported("sh:qualifiedValueShapesDisjoint")

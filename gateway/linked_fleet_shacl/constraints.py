@@ -22,7 +22,7 @@ from linked_fleet_shacl.statements import (
     natural_number,
     text_of,
 )
-from linked_fleet_shacl.terms import NUMERIC, SHACL, Number, Term, well_typed
+from linked_fleet_shacl.terms import NUMERIC, SHACL, Number, Term, number, well_typed
 
 _FEWEST_BRANCHES = 4  # branches of an sh:or; with fewer, a lookup of the applicable one does not pay
 _KINDS: Mapping[Term, tuple[tuple[type, ...], str]] = {
@@ -137,8 +137,8 @@ def _limit(
 ) -> Callable[[Shapes, Statements, int], Iterable[Constraint]]:
     def constraints(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
         for term in stated[parameter]:
-            bound = comparable_number(term, Data(()))
-            if bound is None:
+            bound = number(term) if isinstance(term, Literal) else None
+            if bound is None or bound != bound:  # NaN
                 raise Unsupported(f"{term_text(parameter)} {term_text(term)}")
             yield Constraint(component, f"{text} {_rounded(bound) or shapes.texts.text(term)}", _within(bound, compare))
 

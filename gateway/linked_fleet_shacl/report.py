@@ -33,10 +33,13 @@ class Violation(NamedTuple):
 
 
 Statement = tuple[Node, NamedNode, Term]
-"""One statement of a report. A ``Triple`` of pyoxigraph takes many times as long to create."""
+"""One statement. A ``Triple`` of pyoxigraph takes many times as long to create."""
+AnyTriple = Triple | Statement
 
 
-def report(violations: Sequence[Violation], shapes: Mapping[Node, Sequence[Triple]] | None = None) -> list[Statement]:
+def report(
+    violations: Sequence[Violation], shapes: Mapping[Node, Sequence[AnyTriple]] | None = None
+) -> list[Statement]:
     """Return a ``sh:ValidationReport``; with ``shapes`` (``CompiledShape.triples``) complex paths are included.
 
     Blank nodes get labels by origin, because labels of the data and of a shape may coincide.
@@ -49,7 +52,7 @@ def report(violations: Sequence[Violation], shapes: Mapping[Node, Sequence[Tripl
 
 
 class _Report:
-    def __init__(self, shapes: Mapping[Node, Sequence[Triple]]) -> None:
+    def __init__(self, shapes: Mapping[Node, Sequence[AnyTriple]]) -> None:
         self.statements: list[Statement] = []
         self._shapes = shapes
         self._spelt_out: set[BlankNode] = set()
@@ -83,9 +86,8 @@ class _Report:
     def _spell_out(self, path: Term) -> None:
         if isinstance(path, BlankNode) and path not in self._spelt_out:
             self._spelt_out.add(path)
-            for triple in self._shapes.get(path, ()):
-                value: Term = triple.object  # type: ignore[assignment]
-                self.add(_relabel(path, "shape"), triple.predicate, _relabel(value, "shape"))
+            for _, predicate, value in self._shapes.get(path, ()):
+                self.add(_relabel(path, "shape"), predicate, _relabel(value, "shape"))
                 self._spell_out(value)
 
 

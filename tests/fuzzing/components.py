@@ -31,9 +31,12 @@ from linked_fleet_agent.wire.components import (
 )
 from linked_fleet_agent.wire.messages import Accepted, Progress
 from linked_fleet_agent.wire.schema import Schema, schema_problem, value_problem
+from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge
 from linked_fleet_gateway.extensions.components.declarations import Input
+from linked_fleet_gateway.extensions.components.offers import read_json
 from linked_fleet_gateway.extensions.components.places import place_of
 from linked_fleet_gateway.extensions.components.state import RobotState
+from linked_fleet_gateway.http.invoke import MAX_TRIPLES
 from linked_fleet_gateway.rdf.graph import Graph
 
 _TERM, _FOCUS = "http://example.org/r/vocabulary#hand-input-x", NamedNode("http://example.org/r/hand/actions/x")
@@ -144,8 +147,9 @@ class World:
         schema = msgspec.convert({"type": "object", "properties": {"a": _SCHEMAS[index]}}, Schema)
         taken, graph = Input(place_of(schema, _TERM)), Graph()
         try:
-            given = msgspec.json.decode(spoilt(random, {"a": json.loads(json.dumps(_VALUES[index]))}))
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
+            given = read_json(spoilt(random, {"a": json.loads(json.dumps(_VALUES[index]))}), MAX_TRIPLES)
+        except (BadRequest, PayloadTooLarge) as error:
+            assert str(error)
             return
         if not isinstance(given, dict):
             return

@@ -12,11 +12,11 @@ LONG, ALL = "LONG_TESTS" in os.environ, "ALL_EXAMPLES" in os.environ
 _SHARE, _MOST_SHORT, _MOST_LONG = 4, 200, 2_000
 
 
-def examples(count: int) -> int:
-    """Return how many of the ``count`` examples of a property this run tries."""
+def examples(count: int, most_long: int = _MOST_LONG) -> int:
+    """Return how many of the ``count`` examples of a property this run tries: at most ``most_long`` in a long one."""
     if ALL:
         return count
-    return min(count, _MOST_LONG) if LONG else min(max(count // _SHARE, 5), _MOST_SHORT)
+    return min(count, most_long) if LONG else min(max(count // _SHARE, 5), _MOST_SHORT)
 
 
 def load_profile() -> None:

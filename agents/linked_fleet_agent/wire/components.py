@@ -23,7 +23,7 @@ from linked_fleet_agent.wire.declaration import StreamLimits as StreamLimits
 from linked_fleet_agent.wire.kinds import kind_problem
 from linked_fleet_agent.wire.messages import COMPONENTS_VERSION as COMPONENTS_VERSION
 from linked_fleet_agent.wire.messages import Description, Identifier, Name, Progress, Unsigned
-from linked_fleet_agent.wire.schema import Schema, schema_problem, value_problem
+from linked_fleet_agent.wire.schema import MAX_DEPTH, Schema, schema_problem, value_problem
 
 MAX_DECLARATIONS_BYTES = MAX_RESULT_BYTES = MAX_VALUES_BYTES = 256 * 1024
 MAX_VALUE_BYTES = MAX_FEEDBACK_BYTES = MAX_EVENT_BYTES = 16_384
@@ -203,10 +203,27 @@ def without_unusable_parts(progress: Progress) -> tuple[Progress, str]:
             problems[name] = f"the {name} has {len(bytes(part))} bytes; {most} is the maximum"
             continue
         try:
-            msgspec.json.decode(part)
+            said = msgspec.json.decode(part)
         except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
             problems[name] = f"the {name} is no JSON: {error}"
+        else:
+            if _is_deeper(said, MAX_DEPTH):
+                problems[name] = f"the {name} is nested more than {MAX_DEPTH} deep, as no schema is"
     return (structs.replace(progress, **dict.fromkeys(problems, UNSET)), "; ".join(problems.values()))
+
+
+def _is_deeper(value: Any, most: int) -> bool:
+    """Return True for objects and arrays within each other at more levels than ``most``."""
+    level = [value]
+    for _ in range(most):
+        level = [inner for each in level for inner in _within(each)]
+    return any(isinstance(each, dict | list) for each in level)
+
+
+def _within(value: Any) -> Iterable[Any]:
+    if isinstance(value, dict):
+        return value.values()
+    return value if isinstance(value, list) else ()
 
 
 def read_value(schema: Schema, payload: bytes | Raw, most_bytes: int = MAX_VALUE_BYTES) -> tuple[Any, str]:

@@ -92,7 +92,9 @@ class ShaclValidator:
     ``prefixes`` shorten IRIs in messages.
     """
 
-    def __init__(self, triples: Iterable[Triple], shape: Node, prefixes: Mapping[str, str] = PREFIXES) -> None:
+    def __init__(
+        self, triples: Iterable[Triple | Statement], shape: Node, prefixes: Mapping[str, str] = PREFIXES
+    ) -> None:
         self._shape = compile_shape(triples, shape, prefixes)
 
     def report(self, body: Sequence[Triple], focus: Node) -> tuple[str, list[Statement]] | None:

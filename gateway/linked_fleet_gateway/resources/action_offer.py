@@ -5,7 +5,7 @@ of an action also validates it. A kind may state conditions on the robot under w
 (``lf:offeredIf``).
 """
 
-from collections.abc import Callable, Iterable, Sequence, Set
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, islice
@@ -21,7 +21,7 @@ from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.shapes import ACTIONS, add_closure, copy_shape, load_turtle
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDF, RDFS, SH
 from linked_fleet_gateway.resources.annotations import named_poses
-from linked_fleet_gateway.resources.form import Form
+from linked_fleet_gateway.resources.form import Form, Json
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.joint_limits import JointLimits, limits_of
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
@@ -209,6 +209,11 @@ class Offer:
     def takes_value(self) -> bool:
         """True if its body is the ``lf:value`` of the property that it sets."""
         return False
+
+    @property
+    def outcome_members(self) -> Mapping[str, Json]:
+        """The JSON Schemas of what its invocations have in plain JSON beside the members of their shape, by name."""
+        return {}
 
     def first_body_is_slow(self, base: str) -> bool:
         """Return True if the next body takes long even if it is short, because its shape must be compiled before."""

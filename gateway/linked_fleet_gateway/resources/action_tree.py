@@ -1,7 +1,7 @@
 """The part of the tree below the actions of a thing: actions, shapes of their results, and invocations."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 
 from pyoxigraph import Literal, NamedNode
@@ -14,7 +14,7 @@ from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
-from linked_fleet_gateway.resources.description import Describe, DescriptionTemplate
+from linked_fleet_gateway.resources.description import Describe, DescriptionTemplate, InSteps
 from linked_fleet_gateway.resources.invocation import (
     cancel_path,
     describe_cancel,
@@ -26,6 +26,9 @@ from linked_fleet_gateway.resources.part import part_of
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
+
+_MOST_WRITTEN = 1024
+"""Bytes of feedback and result that are written at once; a thread writes the description of more."""
 
 
 def resolve_action(
@@ -56,11 +59,16 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         answers, unchecked = invocations.answers(invocation), invocations.unchecked(invocation)
         describe_invocation(graph, base, robot, invocation, others, answers, unchecked)
 
+    def steps(graph: Graph) -> Iterator[None]:
+        describe(graph)
+        yield
+
     path = invocation_path(invocation)
+    is_long = len(invocation.outcome) + len(invocation.feedback) > _MOST_WRITTEN
     resource = Resource(
         path,
         f"Invocation {invocation.id}",
-        describe,
+        InSteps(steps) if is_long else describe,
         source=Source(lambda: _facts(invocation), is_final=lambda: invocation.is_final),
         own_paths=(path + "/blueprint", *(() if invocation.state.terminal else (cancel_path(invocation),))),
         affords=EndInvocation(invocation, keep_record=False),

@@ -251,6 +251,23 @@ class Describer:
         part.describe(graph, iri, self.base)
         self._properties(graph, part.path, items, measurements)
 
+    def part_in_steps(self, part: RobotPart, items: Sequence[Property], graph: Graph) -> Iterator[None]:
+        """Describe a part, the values of which take long."""
+        long = [each for each in items if each.is_long()]
+        self.part(part, [each for each in items if each not in long], graph)
+        thing = self.iri(part.path)
+        for item in long:
+            iri = self.iri(f"{part.path}/{item.segment}")
+            graph.add(thing, HYBRIT.property, iri)
+            graph.add(thing, item.predicate, iri)
+            yield from self._property_in_steps(graph, iri, thing, item)
+
+    def property_in_steps(self, robot: Robot, owner: str, item: Property, graph: Graph) -> Iterator[None]:
+        """Describe a property, the value of which takes long."""
+        iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
+        yield from self._property_in_steps(graph, iri, self.iri(owner), item)
+        self._presence_if_not_online(graph, iri, robot)
+
     def property(self, robot: Robot, owner: str, item: Property, graph: Graph, measurement: Measurement) -> None:
         """Describe a property as a small document of its own (Figure 3)."""
         iri = self.iri(f"{owner.rstrip('/')}/{item.segment}")
@@ -315,12 +332,20 @@ class Describer:
             self._property(graph, iri, thing, item, shown)
 
     def _property(self, graph: Graph, iri: NamedNode, owner: NamedNode, item: Property, seen: Measurement) -> None:
+        self._introduce_property(graph, iri, owner, item)
+        item.describe(graph, iri, seen)
+
+    def _property_in_steps(self, graph: Graph, iri: NamedNode, owner: NamedNode, item: Property) -> Iterator[None]:
+        assert item.steps is not None
+        self._introduce_property(graph, iri, owner, item)
+        yield from item.steps(graph, iri)
+
+    def _introduce_property(self, graph: Graph, iri: NamedNode, owner: NamedNode, item: Property) -> None:
         graph.a(iri, *item.types, HYBRIT.Property, *((SOSA.ObservableProperty,) if item.is_measured else ()))
         graph.add(iri, DCTERMS.title, Literal(item.title))
         graph.add(iri, RDFS.seeAlso, owner)
         graph.add(iri, HYBRIT.blueprint, item.shape, NamedNode(iri.value + "/blueprint"))
         graph.add(iri, HYBRIT.consumes, *item.inputs)
-        item.describe(graph, iri, seen)
 
     def _introduce_joint(self, graph: Graph, robot: Robot, joint: Joint) -> None:
         iri = self.iri(joint_path(robot.name, joint.name))

@@ -85,6 +85,10 @@ class Form:
             schema["oneOf"] = [{"properties": branch.schema["properties"]} for branch in self.branches]
         return schema
 
+    def schema_with(self, members: Mapping[str, Json]) -> Json:
+        """Return the schema with further members, which an object may lack."""
+        return self.schema | {"properties": self.schema["properties"] | members} if members else self.schema
+
 
 @dataclass(frozen=True, eq=False)
 class DeclaredForm(Form):

@@ -98,6 +98,10 @@ class RobotPart(Protocol):
     def json(self) -> bytes:
         """Return its present values in JSON."""
 
+    @property
+    def json_schema(self) -> Json:
+        """The JSON Schema of ``json``."""
+
     def streams(self) -> Mapping[str, tuple[Json, Callable[[], bytes]]]:
         """Return what it says from time to time by path: its values together, and each of its events.
 

@@ -1,6 +1,6 @@
 """One property of one thing (paper 5.2), and what extensions add to robots and links."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import chain
 from typing import NamedTuple, Self
 
@@ -66,6 +66,11 @@ class Property(Struct, frozen=True):
     """Returns its JSON document, likewise."""
     describe_shapes: Callable[[Graph], None] | None = None
     """Adds the shape, and that of the body of PUT, if they are not in blueprints."""
+
+    steps: Callable[[Graph, NamedNode], Iterator[None]] | None = None
+    """Adds what ``describe`` adds, in steps."""
+    is_long: Callable[[], bool] = bool
+    """Returns True if ``describe`` takes more than a few milliseconds at present; there are ``steps`` then."""
 
     @property
     def is_measured(self) -> bool:

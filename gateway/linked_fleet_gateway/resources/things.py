@@ -172,7 +172,11 @@ class Things:
         return Resource(
             part.path,
             part.name,
-            MeasuredDescription(lambda graph, seen: self.describer.part(part, items, graph, seen), _samplers(measured)),
+            InSteps(lambda graph: self.describer.part_in_steps(part, items, graph))
+            if any(each.is_long() for each in items)
+            else MeasuredDescription(
+                lambda graph, seen: self.describer.part(part, items, graph, seen), _samplers(measured)
+            ),
             source=structs.replace(source, counter=lambda: sum(count() for count in counters)),
             own_paths=_own(part.path, items, tuple(each.path for each in part.offers.values())),
             documents={**self._branches.thing_documents(self._view, part.robot, part), JSON: part.json},
@@ -199,7 +203,11 @@ class Things:
         resource = Resource(
             path,
             item.title,
-            MeasuredDescription(measured, (item.sample,)) if item.is_measured else constant,
+            MeasuredDescription(measured, (item.sample,))
+            if item.is_measured
+            else InSteps(lambda graph: self.describer.property_in_steps(robot, owner, item, graph))
+            if item.is_long()
+            else constant,
             source=source,
             own_paths=(path + "/blueprint", *related_layouts(path, item), *self._branches.property_paths(path, item)),
             documents=frame_writers(robot, item),

@@ -15,6 +15,9 @@ from linked_fleet_agent.wire.messages import Progress
         ("result", b'"\xff"', "the result is no JSON"),
         ("feedback", b"[" * 100_000, "the feedback has 100000 bytes"),
         ("feedback", b"[" * MAX_FEEDBACK_BYTES, "the feedback is no JSON"),
+        ("result", b'{"a": [{"b": [1]}]}', ""),
+        ("result", b'{"a": [{"b": [{}]}]}', "the result is nested more than 4 deep"),
+        ("feedback", b"[" * 900 + b"]" * 900, "the feedback is nested more than 4 deep"),
         ("result", b'"' + b"a" * MAX_RESULT_BYTES + b'"', f"{MAX_RESULT_BYTES} is the maximum"),
     ],
 )

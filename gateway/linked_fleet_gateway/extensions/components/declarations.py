@@ -4,7 +4,7 @@ A declaration may have thousands of members. ``compile_declarations`` costs abou
 of a shape costs what its own members cost, so that the one of an untrusted declaration belongs into a thread.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -23,7 +23,13 @@ from linked_fleet_gateway.extensions.components.places import (
     vocabulary_iri,
 )
 from linked_fleet_gateway.extensions.components.shapes import ShapeWriter
-from linked_fleet_gateway.extensions.components.values import add_members, add_value, members_in, value_in
+from linked_fleet_gateway.extensions.components.values import (
+    add_members,
+    add_value,
+    add_value_in_steps,
+    members_in,
+    value_in,
+)
 from linked_fleet_gateway.extensions.components.vocabulary import describe_event, describe_link, describe_terms
 from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.rdf.validation import ShaclValidator, reachable_statements
@@ -57,7 +63,7 @@ class Input:
         graph = Graph()
         self.describe_shape(graph, _SHAPE)
         vocabulary = self.place.term.value.partition("#")[0] + "#"
-        return ShaclValidator(graph.triples, _SHAPE, {"robot": vocabulary, **PREFIXES})
+        return ShaclValidator(graph.statements.keys(), _SHAPE, {"robot": vocabulary, **PREFIXES})
 
     def describe(self, graph: Graph, node: Node, value: Any) -> None:
         """Add a JSON value as a client would state it about ``node``."""
@@ -122,6 +128,9 @@ class CompiledProperty:
     def describe(self, graph: Graph, iri: Node, value: Any) -> None:
         """Add the value of the resource ``iri``; None is unknown."""
         add_value(graph, self.place, value, iri, LF.value)
+
+    def describe_in_steps(self, graph: Graph, iri: Node, value: Any) -> Iterator[None]:
+        return add_value_in_steps(graph, self.place, value, iri, LF.value)
 
     def describe_shape(self, graph: Graph, node: Node) -> None:
         """Make ``node`` also the shape of the resource."""

@@ -15,8 +15,8 @@ import pinocchio as pin
 
 from linked_fleet_agent.wire.schema import Schema
 from linked_fleet_gateway.base.contributions import present
+from linked_fleet_gateway.extensions.components.component import DeclaredComponent
 from linked_fleet_gateway.extensions.components.hand_declaration import JOG_HAND, JOG_JOINTS
-from linked_fleet_gateway.extensions.components.part import ComponentPart
 from linked_fleet_gateway.fleet.joint_chain import Chain, chain_to, known_position
 from linked_fleet_gateway.fleet.kinematics import compose
 from linked_fleet_gateway.fleet.model import JointKind, ModelError
@@ -47,14 +47,14 @@ class Jogged(NamedTuple):
     limited: str
 
 
-def prepare(part: ComponentPart) -> None:
+def prepare(part: DeclaredComponent) -> None:
     """Make the first computation fast: build the usual hand. Call it in a thread. Raises CannotJogError."""
     action = part.declared.actions[JOG_HAND]
     assert action.input is not None
     _chain(part.robot, str(action.input.properties["link"].default))
 
 
-def jogged(part: ComponentPart, given: Mapping[str, Any]) -> Jogged:
+def jogged(part: DeclaredComponent, given: Mapping[str, Any]) -> Jogged:
     """Return what the joints do for an input of ``jogHand``, from where they are now. Raises CannotJogError."""
     robot, said = part.robot, _with_defaults(part, given)
     twist = np.array([said[each].get(axis, 0.0) for each in ("linear", "angular") for axis in "xyz"])
@@ -80,7 +80,7 @@ def _limit(schema: Schema) -> float:
     return math.inf if schema.maximum is None else float(schema.maximum)
 
 
-def _with_defaults(part: ComponentPart, given: Mapping[str, Any]) -> dict[str, Any]:
+def _with_defaults(part: DeclaredComponent, given: Mapping[str, Any]) -> dict[str, Any]:
     declared = part.declared.actions[JOG_HAND].input
     assert declared is not None
     usual = {name: declared.properties[name].default for name in ("frame", "link")}

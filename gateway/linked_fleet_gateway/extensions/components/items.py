@@ -1,27 +1,28 @@
 """Properties and events of components as properties of a part."""
 
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterator
+from typing import Any
 
 import msgspec
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.declaration import Event
 from linked_fleet_agent.wire.schema import Schema
+from linked_fleet_gateway.extensions.components.component import DeclaredComponent
 from linked_fleet_gateway.extensions.components.declarations import CompiledEvent, CompiledProperty
 from linked_fleet_gateway.extensions.components.shapes import SH
 from linked_fleet_gateway.extensions.components.state import Happened
 from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.extensions.components.units import declared_unit
-from linked_fleet_gateway.extensions.components.values import add_value
+from linked_fleet_gateway.extensions.components.values import add_value, has_more_values
 from linked_fleet_gateway.faces import DeclaredForm, Json, Measurement, Offer, Property
 from linked_fleet_gateway.fleet.observation import Observation
 from linked_fleet_gateway.rdf.graph import Graph, integer, moment, timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, SOSA, XSD
 
-if TYPE_CHECKING:
-    from linked_fleet_gateway.extensions.components.part import ComponentPart
-
 _TIME: Json = {"type": "string", "format": "date-time"}
+_MOST_AT_ONCE = 200
+"""Values in a value that are described at once, in a few milliseconds."""
 _UNKNOWN = Observation((float("nan"),), None)
 
 
@@ -31,8 +32,13 @@ def schema_json(schema: Schema) -> Json:
     return found
 
 
+def or_null(schema: Json) -> Json:
+    """Return the schema of a value that may be unknown."""
+    return {"oneOf": [schema, {"type": "null"}]}
+
+
 def property_item(
-    part: "ComponentPart", name: str, segment: str, compiled: CompiledProperty, put: Offer | None, base: str
+    part: DeclaredComponent, name: str, segment: str, compiled: CompiledProperty, put: Offer | None, base: str
 ) -> Property:
     """Return a property of a component. The value of one that is a number is an observation."""
     schema, iri = compiled.declared.schema, f"{base}{part.path}/{segment}"
@@ -47,6 +53,15 @@ def property_item(
             known = part.is_current
             compiled.describe(graph, node, part.state.value(name) if known else None)
             graph.result_time(node, part.state.times_ns.get(name) if known else None)
+
+    def steps(graph: Graph, node: NamedNode) -> Iterator[None]:
+        graph.add(node, DCTERMS.identifier, Literal(name))
+        value, wall_ns = part.state.value(name), part.state.times_ns.get(name)
+        yield from compiled.describe_in_steps(graph, node, value)
+        graph.result_time(node, wall_ns)
+
+    def is_long() -> bool:
+        return part.is_current and has_more_values(part.state.value(name), _MOST_AT_ONCE)
 
     def sample() -> tuple[Observation, ...]:
         return (part.state.observation(name) if part.is_current else _UNKNOWN,)
@@ -72,17 +87,19 @@ def property_item(
         form=_form(schema_json(schema), schema.unit),
         json=lambda: _json(part, name, schema.unit),
         describe_shapes=lambda graph: _describe_shapes(graph, compiled, iri, put is not None),
+        steps=steps,
+        is_long=is_long,
     )
 
 
 def _form(schema: Json, unit: str) -> DeclaredForm:
-    members: Json = {"value": {"oneOf": [schema, {"type": "null"}]}, "resultTime": {"oneOf": [_TIME, {"type": "null"}]}}
+    members: Json = {"value": or_null(schema), "resultTime": or_null(_TIME)}
     if unit:
         members["unit"] = {"type": "string", "const": unit}
     return DeclaredForm(declared={"type": "object", "properties": members, "required": list(members)})
 
 
-def _json(part: "ComponentPart", name: str, unit: str) -> bytes:
+def _json(part: DeclaredComponent, name: str, unit: str) -> bytes:
     known = part.is_current
     wall_ns = part.state.times_ns.get(name) if known else None
     said: Json = {
@@ -100,7 +117,7 @@ def _describe_shapes(graph: Graph, compiled: CompiledProperty, iri: str, writabl
         compiled.input.describe_shape(graph, NamedNode(f"{iri}/blueprint#input"))
 
 
-def event_item(part: "ComponentPart", name: str, segment: str, compiled: CompiledEvent, base: str) -> Property:
+def event_item(part: DeclaredComponent, name: str, segment: str, compiled: CompiledEvent, base: str) -> Property:
     """Return an event of a component: its last occurrence, and their number. Each one is a change."""
     declared, iri = compiled.declared, f"{base}{part.path}/{segment}"
 
@@ -118,7 +135,7 @@ def event_item(part: "ComponentPart", name: str, segment: str, compiled: Compile
     def write() -> bytes:
         return msgspec.json.encode({"occurrences": 0, "resultTime": None} | event_members(declared, happened()))
 
-    members = event_schemas(declared) | {"resultTime": {"oneOf": [_TIME, {"type": "null"}]}}
+    members = event_schemas(declared) | {"resultTime": or_null(_TIME)}
     return Property(
         segment,
         NamedNode(compiled.term),

@@ -1,36 +1,55 @@
 """The actions of components, and the setting of their properties, as actions of a part."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import msgspec
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Action, StreamLimits
 from linked_fleet_agent.wire.keys import escape
+from linked_fleet_agent.wire.messages import StreamCounts
 from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_gateway.extensions.components.component import DeclaredComponent
 from linked_fleet_gateway.extensions.components.declarations import Input
 from linked_fleet_gateway.extensions.components.items import schema_json
 from linked_fleet_gateway.extensions.components.shapes import ShapeWriter
 from linked_fleet_gateway.extensions.components.terms import LF
-from linked_fleet_gateway.faces import ActionDefinition, Body, DeclaredForm, Form, Offer, Right, action_definitions
+from linked_fleet_gateway.faces import (
+    ActionDefinition,
+    Body,
+    DeclaredForm,
+    Form,
+    Json,
+    Offer,
+    Right,
+    action_definitions,
+)
 from linked_fleet_gateway.rdf.graph import SECOND, Graph, Node
 from linked_fleet_gateway.rdf.validation import find_root, refuse_statements
 from linked_fleet_gateway.rdf.vocabulary import LDP, METHODS
-
-if TYPE_CHECKING:
-    from linked_fleet_gateway.api import ActionRequest, DeferredPlan, Motion
-    from linked_fleet_gateway.extensions.components import plans
-    from linked_fleet_gateway.extensions.components.part import ComponentPart
-else:
-    # Processes that only describe components load neither HTTP nor Zenoh.
-    plans = LazyModule("linked_fleet_gateway.extensions.components.plans")
-
+from linked_fleet_rdf.json_input import ParseError, load_json
 
 _RESET = LF.extended("ResetProtectiveStop").ResetProtectiveStop
 """The kind of action that lets a robot move again after a protective stop."""
+
+
+_MAX_DEPTH = 16
+"""More than any schema has, whose depth is 4: what is nested less is refused by the shape, which says where."""
+_VALUES = 2  # JSON values for each permitted triple
+_SAMPLES: Json = {
+    "type": "object",
+    "description": "What became of the samples of a stream.",
+    "properties": {
+        each.name: {"type": "boolean"} if each.type is bool else {"type": "integer", "minimum": 0}
+        for each in msgspec.structs.fields(StreamCounts)
+    },
+}
+
+
+Handle = Callable[["ComponentOffer", Any], Any]
+"""Returns the plan of an action for a request to it."""
 
 
 class InputBody(Body):
@@ -45,7 +64,7 @@ class InputBody(Body):
 class ComponentOffer(Offer):
     """An action of a component, or the setting of a property."""
 
-    part: "ComponentPart" = field(kw_only=True)
+    part: DeclaredComponent = field(kw_only=True)
     of_action: str = ""
     of_property: str = ""
 
@@ -76,6 +95,15 @@ class ComponentOffer(Offer):
     @property
     def declared(self) -> Action | None:
         return self.part.declared.actions.get(self.of_action)
+
+    @property
+    def outcome_members(self) -> Mapping[str, Json]:
+        declared = self.declared
+        if declared is None:
+            return {}
+        stated = {"feedback": declared.feedback, "output": declared.result}
+        found = {name: schema_json(each) for name, each in stated.items() if each is not None}
+        return found if declared.stream is None else found | {"samples": _SAMPLES}
 
     @property
     def stream_protocol(self) -> str:
@@ -135,17 +163,12 @@ class ComponentOffer(Offer):
             said = {"type": "object", **said}
 
         def read(body: bytes, iri: str, most: int) -> list[Triple]:
-            return self._triples(body, base)
+            return self._triples(body, base, most)
 
         return DeclaredForm(declared=said, read=read)
 
-    def _triples(self, body: bytes, base: str) -> list[Triple]:
-        if len(body) > MAX_INPUT_BYTES:
-            raise PayloadTooLarge(f"The input has {len(body)} bytes; at most {MAX_INPUT_BYTES} are taken.")
-        try:
-            given = msgspec.json.decode(body)
-        except (msgspec.MsgspecError, UnicodeDecodeError, RecursionError) as error:
-            raise BadRequest(f"The body is no JSON: {error}") from error
+    def _triples(self, body: bytes, base: str, most: int) -> list[Triple]:
+        given = read_json(body, most)
         if not isinstance(given, dict):
             raise UnprocessableContent("The body is a JSON object.", constraint=base + self.path)
         graph, root, taken = Graph(), BlankNode("root"), self.input(base)
@@ -175,6 +198,18 @@ class ComponentOffer(Offer):
         return InputBody(triples, focus, value)
 
 
+def read_json(body: bytes, most: int) -> Any:
+    """Return the JSON of an input, for ``most`` triples. Raises BadRequest and PayloadTooLarge."""
+    if len(body) > MAX_INPUT_BYTES:
+        raise PayloadTooLarge(f"The input has {len(body)} bytes; at most {MAX_INPUT_BYTES} are taken.")
+    try:
+        return load_json(body.decode("utf-8-sig"), _MAX_DEPTH, _VALUES * most)
+    except ParseError as error:
+        raise BadRequest(f"The body is no JSON: {error}", line=error.line, column=error.column) from error
+    except UnicodeDecodeError as error:
+        raise BadRequest("The body is no JSON: not UTF-8") from error
+
+
 def _describe_stream(graph: Graph, iri: NamedNode, protocol: str, stream: StreamLimits | None) -> None:
     """Say that an action can be opened as a stream, and what its samples must keep."""
     if stream is not None:
@@ -189,27 +224,31 @@ def segment_of(name: str) -> str:
     return escape(name, {each.segment for each in action_definitions() if each.is_stop} | {"cancel"})
 
 
-def offers_of(part: "ComponentPart") -> Mapping[str, Offer]:
-    """Return the actions of a component by segment; a property that can be set has one of its own name."""
+def offers_of(part: DeclaredComponent, handle: Handle | None = None) -> Mapping[str, Offer]:
+    """Return the actions of a component by segment; a property that can be set has one of its own name.
+
+    ``handle`` plans them; it is missing in processes that only describe components.
+    """
     declared = part.declared
     found = dict[str, Offer]()
     for name, action in declared.actions.items():
         kind = NamedNode(action.semantic_type) if action.semantic_type else LF.ComponentAction
         takes = action.input is not None
         found[segment_of(name)] = _offer(
-            part, kind, name, action.title or name, action.description, takes, of_action=name
+            part, handle, kind, name, action.title or name, action.description, takes, of_action=name
         )
     for name, each in declared.properties.items():
         if each.writable:
             title = f"Set {each.schema.title or name}"
             found[segment_of(name)] = _offer(
-                part, LF.ComponentAction, name, title, each.schema.description, True, of_property=name
+                part, handle, LF.ComponentAction, name, title, each.schema.description, True, of_property=name
             )
     return found
 
 
 def _offer(
-    part: "ComponentPart",
+    part: DeclaredComponent,
+    handle: Handle | None,
     kind: NamedNode,
     name: str,
     title: str,
@@ -232,11 +271,8 @@ def _offer(
         produces=LF.InvocationShape,
     )
     offer: ComponentOffer
-
-    def handle(request: "ActionRequest") -> "Motion | DeferredPlan":
-        return plans.plan(offer, request)
-
+    handler = None if handle is None else lambda request: handle(offer, request)
     offer = ComponentOffer(
-        definition, part.path, part.robot, handler=handle, part=part, of_action=of_action, of_property=of_property
+        definition, part.path, part.robot, handler=handler, part=part, of_action=of_action, of_property=of_property
     )
     return offer

@@ -8,24 +8,27 @@ import msgspec
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.planar import DriveLimits
-from linked_fleet_agent.wire.components import BASE, Component
+from linked_fleet_agent.wire.components import Component, read_declarations
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.kinds import KINDS
 from linked_fleet_gateway.extensions.components import bases
-from linked_fleet_gateway.extensions.components.declarations import CompiledComponent, compile_declarations
+from linked_fleet_gateway.extensions.components.component import BASES, DeclaredComponent
+from linked_fleet_gateway.extensions.components.copies import read_state, write_state
 from linked_fleet_gateway.extensions.components.items import (
     event_item,
     event_members,
     event_schemas,
+    or_null,
     property_item,
     schema_json,
 )
-from linked_fleet_gateway.extensions.components.offers import ComponentOffer, offers_of, segment_of
+from linked_fleet_gateway.extensions.components.offers import ComponentOffer, Handle, offers_of, segment_of
 from linked_fleet_gateway.extensions.components.places import vocabulary_iri
-from linked_fleet_gateway.extensions.components.state import ComponentState, RobotState
+from linked_fleet_gateway.extensions.components.state import RobotState
 from linked_fleet_gateway.extensions.components.terms import LF
-from linked_fleet_gateway.extensions.components.values import add_members, add_value
-from linked_fleet_gateway.faces import Json, Offer, PartCopier, Property, joint_path, link_path, part_path, robot_path
+from linked_fleet_gateway.extensions.components.values import add_members, add_value, has_more_values
+from linked_fleet_gateway.faces import Json, Offer, PartCopier, Property, RobotPart, link_path, parts_of, robot_path
+from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
 from linked_fleet_gateway.fleet.driving import FollowedPath
 from linked_fleet_gateway.fleet.gripper import Gripper
 from linked_fleet_gateway.fleet.invocation import Invocation
@@ -39,40 +42,26 @@ _RESERVED = ("actions", "blueprint", "linkset", "subscriptions")
 _EVENT_MARK = "~event"
 _BATTERY, _GRIPPER = LF.extended("Battery").Battery.value, LF.extended("Gripper").Gripper.value
 _JSON = RDF.extended("JSON").JSON
-_BASES = 16
+_MOST_VALUES = 1_000
+"""Values of a feedback or result that are described as RDF; one with more is there as one literal, in JSON."""
 _COUNTS = ("applied", "late", "reordered", "future", "invalid")
 
 
-class ComponentPart:
-    """A component of a robot."""
+class ComponentPart(DeclaredComponent):
+    """A component as a part of its robot; ``handle`` plans its actions, in a process that carries them out."""
 
-    def __init__(self, robot: Robot, model: RobotModel, state: RobotState, name: str) -> None:
-        self.robot, self.name = robot, name
-        self._model, self.whole = model, state
-        self.path = part_path(robot.name, model, name)
+    def __init__(
+        self, robot: Robot, model: RobotModel, state: RobotState, name: str, handle: Handle | None = None
+    ) -> None:
+        super().__init__(robot, model, state, name)
         self.segment = self.path.rpartition("/")[2]
-        self.offers: Mapping[str, Offer] = offers_of(self)
-        self.compiled = lru_cache(_BASES)(self._compile)
-        self._items = lru_cache(_BASES)(self._make_items)
+        self.offers: Mapping[str, Offer] = offers_of(self, handle)
+        self._items = lru_cache(BASES)(self._make_items)
         self._paths = dict[str, str]()
 
     @property
-    def state(self) -> ComponentState:
-        return self.whole.components[self.name]
-
-    @property
-    def declared(self) -> Component:
-        return self.state.declared
-
-    @property
     def copier(self) -> type[PartCopier]:
-        from linked_fleet_gateway.extensions.components.copier import ComponentCopier
-
         return ComponentCopier
-
-    @property
-    def title(self) -> str:
-        return self.declared.title or self.name
 
     @cached_property
     def types(self) -> Sequence[NamedNode]:
@@ -128,14 +117,6 @@ class ComponentPart:
         """Return the segment of an event. One that shares its name with a property gets a mark."""
         return escape(name, _RESERVED) + (_EVENT_MARK if name in self.declared.properties else "")
 
-    @property
-    def is_current(self) -> bool:
-        """True if the values are those of the present run of the agent."""
-        return self.whole.incarnation == self.robot.incarnation
-
-    def _compile(self, base: str) -> CompiledComponent:
-        return compile_declarations([self.declared], base + robot_path(self.robot.name)).components[self.name]
-
     def properties(self, base: str) -> Sequence[Property]:
         """Return its properties and its events."""
         return self._items(base)
@@ -175,6 +156,11 @@ class ComponentPart:
             {name: self.state.value(name) if current else None for name in self.declared.properties}
         )
 
+    @property
+    def json_schema(self) -> Json:
+        values = {name: or_null(schema_json(each.schema)) for name, each in self.declared.properties.items()}
+        return _object(values) | {"required": list(values)}
+
     def streams(self) -> Mapping[str, tuple[Json, Callable[[], bytes]]]:
         """Return its values together, and each of its events, by path."""
         return self._streams
@@ -199,11 +185,6 @@ class ComponentPart:
         last = self.state.events.get(name) if self.is_current else None
         return msgspec.json.encode(event_members(self.declared.events[name], last))
 
-    def moved(self, name: str, base: str) -> list[NamedNode | Literal]:
-        """Return what an action moves: joints, or the word for the base."""
-        moves, robot = self.declared.actions[name].moves, self.robot.name
-        return [Literal(BASE) if each == BASE else NamedNode(base + joint_path(robot, each)) for each in moves]
-
     def describe_outcome(self, graph: Graph, iri: NamedNode, base: str, invocation: Invocation) -> None:
         """Add the feedback and the result of an invocation of one of its actions."""
         if (counts := invocation.stream) is not None:
@@ -216,7 +197,8 @@ class ComponentPart:
             graph.add(iri, predicate, node)
             action = self.compiled(base).actions.get(self._action_of(invocation))
             place = getattr(action, said, None)
-            if place is None:  # the robot declares something else by now
+            # Without a place, the robot declares something else by now.
+            if place is None or has_more_values(value, _MOST_VALUES):
                 graph.add(node, LF.value, Literal(msgspec.json.encode(value).decode(), datatype=_JSON))
             elif isinstance(value, Mapping):
                 add_members(graph, place, value, node)
@@ -241,14 +223,42 @@ def _object(members: Json) -> Json:
     return {"type": "object", "properties": members}
 
 
-def title_of(name: str, title: str, part: ComponentPart) -> str:
-    """Return the title of an item of a component."""
-    return f"{title or name} of {part.title}"
-
-
 def parts_from(
-    robot: Robot, model: RobotModel, components: Iterable[Component], state: RobotState
+    robot: Robot, model: RobotModel, components: Iterable[Component], state: RobotState, handle: Handle | None = None
 ) -> dict[str, ComponentPart]:
-    """Return the components of a robot by segment."""
-    parts = (ComponentPart(robot, model, state, each.name) for each in components)
+    """Return the components of a robot by segment; ``handle`` as of ``ComponentPart``."""
+    parts = (ComponentPart(robot, model, state, each.name, handle) for each in components)
     return {each.segment: each for each in parts}
+
+
+class ComponentCopier:
+    """Copies the components of a robot to processes that hear no robot: ``linked_fleet_gateway.faces.PartCopier``."""
+
+    @staticmethod
+    def version(robot: Robot) -> object:
+        state = _state_of(robot)
+        return state and (state, state.incarnation, state.changes)
+
+    @staticmethod
+    def write(robot: Robot) -> bytes:
+        state = _state_of(robot)
+        return b"" if state is None else write_state(state)
+
+    @staticmethod
+    def make(robot: Robot) -> Mapping[str, RobotPart]:
+        said, model = robot.description, robot.model
+        if not isinstance(said, DescriptionAndComponents) or model is None:
+            return {}
+        components, _ = read_declarations(said.components, model.links, model.joints)
+        return parts_from(robot, model, components, RobotState(components, said.incarnation))
+
+    @staticmethod
+    def read(robot: Robot, values: bytes) -> None:
+        state = _state_of(robot)
+        if state is not None and values:
+            read_state(state, values)
+
+
+def _state_of(robot: Robot) -> RobotState | None:
+    part = next(iter(parts_of(robot).values()), None)
+    return part.whole if isinstance(part, ComponentPart) else None

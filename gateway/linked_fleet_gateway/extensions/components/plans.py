@@ -10,9 +10,9 @@ from linked_fleet_agent.planar import Velocity
 from linked_fleet_gateway.api import ActionRequest, Conflict, DeferredPlan, Motion
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.components.bases import drive_limits, is_base, way_of
+from linked_fleet_gateway.extensions.components.component import DeclaredComponent
 from linked_fleet_gateway.extensions.components.hand_declaration import JOG_HAND, JOG_JOINTS, JOGGING
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer, InputBody
-from linked_fleet_gateway.extensions.components.part import ComponentPart
 from linked_fleet_gateway.extensions.components.things import without_things
 from linked_fleet_gateway.fleet.driving import Drive
 from linked_fleet_gateway.fleet.jogging import JointDrive
@@ -90,7 +90,7 @@ def stream(offer: ComponentOffer, request: ActionRequest) -> Motion:
 
 
 def drive_of(
-    part: ComponentPart, action: str, given: Mapping[str, Any], holds_s: float | None = None
+    part: DeclaredComponent, action: str, given: Mapping[str, Any], holds_s: float | None = None
 ) -> Drive | JointDrive | None:
     """Return what a base or joints do with an input of drive or jogJoints, for ``holds_s`` or as long as it says.
 
@@ -102,7 +102,7 @@ def drive_of(
 
 
 def _joint_drive(
-    part: ComponentPart, action: str, given: Mapping[str, Any], holds_s: float | None
+    part: DeclaredComponent, action: str, given: Mapping[str, Any], holds_s: float | None
 ) -> JointDrive | None:
     declared, accelerations = part.declared.actions.get(action), part.state.value("accelerations")
     if action != JOG_JOINTS or accelerations is None or declared is None or declared.input is None:
@@ -115,7 +115,7 @@ def _joint_drive(
     return JointDrive(velocities, float(duration_s or 0.0), dict(accelerations))
 
 
-def _base_drive(part: ComponentPart, action: str, given: Mapping[str, Any], holds_s: float | None) -> Drive | None:
+def _base_drive(part: DeclaredComponent, action: str, given: Mapping[str, Any], holds_s: float | None) -> Drive | None:
     is_drive = action == "drive" and is_base(part.declared)
     limits = drive_limits(part.state) if is_drive else None
     declared = part.declared.actions[action].input if is_drive else None

@@ -19,6 +19,7 @@ from linked_fleet_agent.wire.components import (
 from linked_fleet_gateway.api import Core, Robot, RobotModel, cancel_tasks
 from linked_fleet_gateway.extensions.components.hand_declaration import with_hand
 from linked_fleet_gateway.extensions.components.part import ComponentPart, parts_from
+from linked_fleet_gateway.extensions.components.plans import plan
 from linked_fleet_gateway.extensions.components.state import Change, RobotState
 from linked_fleet_gateway.extensions.components.things import with_things
 from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
@@ -108,7 +109,7 @@ class Receipt:
         added = (each.component_things for each in self._core.extensions)
         components = with_things(with_hand(components, model), added)
         state = RobotState(components, robot.incarnation)
-        parts = parts_from(robot, model, components, state)
+        parts = parts_from(robot, model, components, state, plan)
         self._known[robot.name] = _Known(source, state, {each.name: each for each in parts.values()})
         for sentence in refused:
             self._core.reject(robot.name, sentence)

@@ -11,8 +11,8 @@ from websockets.frames import CloseCode
 from linked_fleet_agent.wire.components import COMPONENTS_VERSION, MAX_SAMPLE_BYTES, Sample, read_value
 from linked_fleet_agent.wire.messages import StreamCounts
 from linked_fleet_gateway.api import Invocation, Robot
+from linked_fleet_gateway.extensions.components.component import DeclaredComponent
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer
-from linked_fleet_gateway.extensions.components.part import ComponentPart
 from linked_fleet_gateway.faces import invocation_path
 
 LEAST_APART_S = 0.005
@@ -129,7 +129,9 @@ class Samples:
 class Reports:
     """What the client of a stream is told: the robot's time, who drives, what became of its samples, and values."""
 
-    def __init__(self, part: ComponentPart, robot: Robot, invocation: Invocation, samples: Samples, base: str) -> None:
+    def __init__(
+        self, part: DeclaredComponent, robot: Robot, invocation: Invocation, samples: Samples, base: str
+    ) -> None:
         self._part, self._robot, self._invocation, self._samples = part, robot, invocation, samples
         self.limited, self.speed_share = "", 1.0
         self._iri = base + invocation_path(invocation)

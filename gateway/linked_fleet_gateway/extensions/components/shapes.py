@@ -30,6 +30,10 @@ from linked_fleet_gateway.rdf.vocabulary import SH as _SH
 SH = _SH.extended("closed ignoredProperties zeroOrMorePath oneOrMorePath pattern order defaultValue message BlankNode")
 _TRUE = Literal("true", datatype=XSD.boolean)
 _TYPES = sorted(COMMON_TYPES, key=str)
+_OF_NUMBERS = (
+    *("type", "unit", "enum", "const", "default", "minimum", "maximum", "exclusive_minimum", "exclusive_maximum"),
+)
+"""What of a schema decides the shape of a number."""
 _BOOLEANS: Mapping[bool, tuple[str, str]] = {True: ("true", "1"), False: ("false", "0")}
 
 
@@ -73,8 +77,13 @@ class ShapeWriter:
         self._graph.add(node, SH.or_, self._graph.collection([unknown, known]))
 
     def _property(self, node: Node, path: Node, *, least: int = 0, most: int | None = 1, name: str = "") -> Node:
-        graph, shape = self._graph, self._graph.blank()
-        graph.add(node, SH.property, shape)
+        shape = self._graph.blank()
+        self._graph.add(node, SH.property, shape)
+        self._cardinality(shape, path, least=least, most=most, name=name)
+        return shape
+
+    def _cardinality(self, shape: Node, path: Node, *, least: int = 0, most: int | None = 1, name: str = "") -> None:
+        graph = self._graph
         graph.add(shape, SH.path, path)
         if name:
             graph.add(shape, SH.name, Literal(name))
@@ -82,7 +91,6 @@ class ShapeWriter:
             graph.add(shape, SH.minCount, integer(int(least)))
         if most is not None:
             graph.add(shape, SH.maxCount, integer(most))
-        return shape
 
     def _describe(self, shape: Node, place: Place, name: str) -> None:
         """Add the name, which is that of the JSON form, and what people should know."""
@@ -123,21 +131,30 @@ class ShapeWriter:
     # -- numbers ------------------------------------------------------------------------------------------------------
 
     def _quantity(self, node: Node, schema: Schema, *, may_be_unknown: bool) -> None:
-        graph, quantity = self._graph, self._graph.blank()
+        key = (may_be_unknown, *(getattr(schema, each) for each in _OF_NUMBERS))
+        quantity = self._once(key, lambda shape: self._number_with_unit(shape, schema, may_be_unknown))
+        self._graph.add(node, SH.node, quantity)
+
+    def _number_with_unit(self, quantity: Node, schema: Schema, may_be_unknown: bool) -> None:
+        graph = self._graph
         units = (declared_unit(schema),) if self._of_output else accepted_units(schema)
-        graph.add(node, SH.node, quantity)
         graph.add(quantity, SH.node, self._once(units, lambda shape: self._unit(shape, units)))
-        value = self._property(quantity, VOM.numericalValue, least=1, name="value")
-        if schema.default is not UNSET:
-            graph.add(value, SH.defaultValue, forms_of(schema.default)[0])
         limits = full_range(schema) if len(units) == 1 else largest_range(schema)
+        key = (may_be_unknown, schema.type, schema.enum, schema.const, schema.default, *limits.items())
+        value = self._once(key, lambda shape: self._numerical_value(shape, schema, limits, may_be_unknown))
+        graph.add(quantity, SH.property, value)
+        if len(units) > 1:
+            branches = [self._in_unit(unit, stated_range(schema, units[0].si / unit.si)) for unit in units]
+            graph.add(quantity, SH.or_, graph.collection(branches))
+
+    def _numerical_value(self, value: Node, schema: Schema, limits: Range, may_be_unknown: bool) -> None:
+        self._cardinality(value, VOM.numericalValue, least=1, name="value")
+        if schema.default is not UNSET:
+            self._graph.add(value, SH.defaultValue, forms_of(schema.default)[0])
         if may_be_unknown:
             self._either_unknown(value, lambda known: self._number(known, schema, limits))
         else:
             self._number(value, schema, limits)
-        if len(units) > 1:
-            branches = [self._in_unit(unit, stated_range(schema, units[0].si / unit.si)) for unit in units]
-            graph.add(quantity, SH.or_, graph.collection(branches))
 
     def _unit(self, shape: Node, units: tuple[Unit, ...]) -> None:
         """Accept the class of a scalar, which goes without saying, its unit, and the unit of QUDT beside it."""
@@ -153,12 +170,21 @@ class ShapeWriter:
 
     def _in_unit(self, unit: Unit, limits: Range) -> Node:
         branch = self._graph.blank()
-        self._among(self._property(branch, VOM.unit, most=None), unit.accepted)
-        self._among(self._property(branch, QUDT.unit, most=None), [unit.qudt])
+        self._stated(branch, VOM.unit, unit.accepted)
+        self._stated(branch, QUDT.unit, (unit.qudt,))
         if limits:
             name = f"value in {unit.qudt.value.removeprefix(UNIT.iri)}"
             self._range(self._property(branch, VOM.numericalValue, most=None, name=name), limits)
         return branch
+
+    def _stated(self, branch: Node, path: NamedNode, terms: tuple[NamedNode, ...]) -> None:
+        """Accept any number of these terms."""
+
+        def write(shape: Node) -> None:
+            self._cardinality(shape, path, most=None)
+            self._among(shape, terms)
+
+        self._graph.add(branch, SH.property, self._once((path, terms), write))
 
     def _number(self, node: Node, schema: Schema, limits: Range) -> None:
         if schema.type == "integer":

@@ -4,7 +4,7 @@ A number is a ``maths:Scalar`` with number and unit, a text or boolean a literal
 blank node whose members are linked by the predicates of their places. Null is ``lf:unknown``.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Generator, Iterator, Mapping
 from typing import Any
 
 from pyoxigraph import Literal, NamedNode
@@ -18,6 +18,8 @@ from linked_fleet_gateway.rdf.vocabulary import LF, MATHS, RDF, VOM, XSD
 from linked_fleet_shacl import Data
 
 _UNDECLARED = Schema(type="object")
+_STEP = 50
+"""Items of an array that are added in one step."""
 
 
 def add_value(graph: Graph, place: Place, value: object, subject: Node, predicate: NamedNode) -> None:
@@ -25,11 +27,51 @@ def add_value(graph: Graph, place: Place, value: object, subject: Node, predicat
     graph.add(subject, predicate, _term(graph, place, value))
 
 
+def add_value_in_steps(
+    graph: Graph, place: Place, value: object, subject: Node, predicate: NamedNode
+) -> Iterator[None]:
+    """Add a value with many values in it, in steps of about a millisecond."""
+    term = yield from _term_in_steps(graph, place, value)
+    graph.add(subject, predicate, term)
+
+
+def _term_in_steps(graph: Graph, place: Place, value: object) -> Generator[None, None, Term]:
+    if isinstance(value, list):
+        terms = list[Term]()
+        for number, each in enumerate(value):
+            if number % _STEP == 0:
+                yield
+            terms.append((yield from _term_in_steps(graph, place.items or place, each)))
+        return graph.collection(terms)
+    if isinstance(value, Mapping):
+        node = graph.blank()
+        for name, member in value.items():
+            known = _member(place, name)
+            graph.add(node, known.predicate, (yield from _term_in_steps(graph, known, member)))
+        return node
+    return _term(graph, place, value)
+
+
+def has_more_values(value: object, most: int) -> bool:
+    """Return True if there are more than ``most`` values in a value."""
+    pending, count = [value], 0
+    while pending and count <= most:
+        each = pending.pop()
+        inner = list(each.values()) if isinstance(each, Mapping) else each if isinstance(each, list) else []
+        count += len(inner)
+        pending += inner
+    return count > most
+
+
 def add_members(graph: Graph, place: Place, value: Mapping[str, Any], node: Node) -> None:
     """Add the members of an object to ``node``. A member that is not declared gets the own term that it would have."""
     for name, member in value.items():
-        known = place.members.get(name) or place_of(_UNDECLARED, member_iri(place.term.value, name))
+        known = _member(place, name)
         add_value(graph, known, member, node, known.predicate)
+
+
+def _member(place: Place, name: str) -> Place:
+    return place.members.get(name) or place_of(_UNDECLARED, member_iri(place.term.value, name))
 
 
 def _term(graph: Graph, place: Place, value: object) -> Term:

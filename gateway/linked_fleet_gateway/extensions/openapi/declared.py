@@ -7,7 +7,9 @@ from collections.abc import Iterable, Sequence
 from linked_fleet_gateway.faces import Json, Offer, Property, form_of
 
 _MOST_SCHEMAS = 16
-_BESIDE = [(before, after) for before in ("", "Cancel") for after in ("", "Input", "Body", "Blueprint", "Links")]
+_BESIDE = [
+    (before, after) for before in ("", "Cancel") for after in ("", "Input", "Body", "Blueprint", "Links", "Invocation")
+]
 
 
 class Names:
@@ -44,6 +46,15 @@ def read_schema(items: Sequence[Property]) -> Json | None:
             return None
         schemas.append(form.schema)
     return any_of(schemas)
+
+
+def outcome_members(offers: Iterable[Offer]) -> dict[str, Json]:
+    """Return the schemas of what the invocations of one of these actions may have beside those of all actions."""
+    found: dict[str, list[Json]] = {}
+    for offer in offers:
+        for name, schema in offer.outcome_members.items():
+            found.setdefault(name, []).append(schema)
+    return {name: any_of(schemas) for name, schemas in found.items()}
 
 
 def is_declared(offer: Offer) -> bool:

@@ -31,16 +31,19 @@ def rdf_get_operation(
     schema: Json | None = None,
     files: Mapping[str, str] | None = None,
     parameters: Sequence[Json] = (),
+    *,
+    some: bool = False,
     **more: Any,
 ) -> Json:
-    """GET of a resource described in RDF, and in plain JSON if ``schema`` is given.
+    """GET of a resource described in RDF, and in plain JSON if ``schema`` is given; ``some`` of those alike have that.
 
     ``files``: other media types by the values of ``?as=``.
     """
-    words = [*(["jsonld"] if schema is None else ["json", "jsonld"]), *(files or ())]
+    plain = {} if schema is None else {JSON: {"schema": schema}}
+    words = [*(["json"] if plain and not some else []), "jsonld", *(["json"] if plain and some else []), *(files or ())]
     picks = parameter("as", "query", {"type": "string", "enum": words, "default": words[0]}, FORMAT_DESCRIPTION)
-    content = {} if schema is None else {JSON: {"schema": schema}}
-    content |= RDF_CONTENT | {media_type: {} for media_type in (files or {}).values()}
+    content = {**RDF_CONTENT, **plain} if some else {**plain, **RDF_CONTENT}
+    content |= {media_type: {} for media_type in (files or {}).values()}
     return get_operation(
         id, summary, content, [picks, header_ref("IfMatch"), header_ref("IfNoneMatch"), *parameters], **more
     )
@@ -133,8 +136,11 @@ INVOCATION, _REHEARSAL = component_ref("schemas", "Invocation"), component_ref("
 _APPLIED: Json = {"Preference-Applied": {"schema": {"type": "string"}}}
 
 
-def invocation_responses(name: str, parameters: Parameters) -> Json:
-    """Return the responses to an invocation. A 202 contains the invocation only if the client prefers that."""
+def invocation_responses(name: str, parameters: Parameters, schema: Json = INVOCATION) -> Json:
+    """Return the responses to an invocation, which has the ``schema``.
+
+    A 202 contains the invocation only if the client prefers that.
+    """
     location: Json = {"Location": component_ref("headers", "Location")}
     known = {each: f"$request.path.{each}" for each in parameters}
     links = {
@@ -153,7 +159,7 @@ def invocation_responses(name: str, parameters: Parameters) -> Json:
         "201": {
             "description": "Accepted; the invocation is sent, as preferred by return=representation.",
             "headers": location | _APPLIED,
-            "content": {JSON: {"schema": INVOCATION}, **RDF_CONTENT},
+            "content": {JSON: {"schema": schema}, **RDF_CONTENT},
             "links": links,
         },
         "202": {"description": "Accepted; it goes on. Location is the invocation.", "headers": location | _APPLIED},

@@ -9,7 +9,14 @@ from typing import Any
 
 from linked_fleet_gateway.api import Container, Property, RequestView, joint_path, link_path, robot_path
 from linked_fleet_gateway.extensions.openapi.components import ANNOTATIONS, LOCK_TOKEN
-from linked_fleet_gateway.extensions.openapi.declared import Names, any_of, is_declared, may_lack_body, read_schema
+from linked_fleet_gateway.extensions.openapi.declared import (
+    Names,
+    any_of,
+    is_declared,
+    may_lack_body,
+    outcome_members,
+    read_schema,
+)
 from linked_fleet_gateway.extensions.openapi.operations import (
     CHANGED_PLACEMENT_RESPONSE,
     CHANGED_RESPONSE,
@@ -62,9 +69,17 @@ PICK = parameter("as", "query", _FORMAT, _PICKS)
 
 
 def action_paths(
-    template: str, name: str, parameters: Parameters, offers: Sequence[Offer], body: Json | None
+    template: str,
+    name: str,
+    parameters: Parameters,
+    offers: Sequence[Offer],
+    body: Json | None,
+    invocation: Json = INVOCATION,
 ) -> dict[str, Json]:
-    """Return the path items of an action at ``template`` and below; ``offers``: one for each thing that has it."""
+    """Return the path items of an action at ``template`` and below; ``offers``: one for each thing that has it.
+
+    ``body`` is a media type object, ``invocation`` the schema of its invocations.
+    """
     definition = offers[0].definition
     one = {**parameters, "invocation": ID_SCHEMA}
     listed, read = f"{template}/invocations", f"{template}/invocations/{{invocation}}"
@@ -74,13 +89,16 @@ def action_paths(
         template: path_item(
             parameters,
             get=rdf_get_operation(f"describe{name}", f"{definition.title}: description and shape of the body"),
-            **{method.lower(): _invoke(method, name, parameters, offers, body) for method in offers[0].methods},
+            **{
+                method.lower(): _invoke(method, name, parameters, offers, body, invocation)
+                for method in offers[0].methods
+            },
         ),
         f"{template}/produceshape": path_item(parameters, get=rdf_get_operation(f"shape{name}", "Shape of the result")),
         listed: path_item(parameters, get=rdf_get_operation(f"list{name}", "Invocations, the newest first")),
         read: path_item(
             one,
-            get=rdf_get_operation(f"read{name}", "Read an invocation: its state, progress and result", INVOCATION),
+            get=rdf_get_operation(f"read{name}", "Read an invocation: its state, progress and result", invocation),
             delete=write_operation(f"delete{name}", "Stop an invocation and remove it", done),
         ),
         f"{read}/blueprint": path_item(one, get=rdf_get_operation(f"blueprint{name}", "Shape of an invocation")),
@@ -94,7 +112,9 @@ def capitalized(name: str) -> str:
     return name[0].upper() + name[1:]
 
 
-def _invoke(method: str, name: str, parameters: Parameters, offers: Sequence[Offer], body: Json | None) -> Json:
+def _invoke(
+    method: str, name: str, parameters: Parameters, offers: Sequence[Offer], body: Json | None, invocation: Json
+) -> Json:
     offer = offers[0]
     # A wrong query must never prevent a stop: a request without a body accepts any format name.
     pick = parameter("as", "query", {"type": "string", "default": "json"}, _PICKS) if body is None else PICK
@@ -102,7 +122,7 @@ def _invoke(method: str, name: str, parameters: Parameters, offers: Sequence[Off
     return write_operation(
         ("put" if method == "PUT" else "invoke") + name,
         offer.definition.title,
-        invocation_responses(name, parameters),
+        invocation_responses(name, parameters, invocation),
         None if body is None else {JSON: body},
         [pick, *map(header_ref, fields)],
         description=_described(offers),
@@ -156,6 +176,7 @@ class FleetPaths:
         self._robots, self._parts = _CommonPath(), _CommonPath()
         self._properties: dict[tuple[bool, str], _CommonPath] = {}
         self._actions: dict[tuple[bool, str], _CommonPath] = {}
+        self._values: list[Json] = []
         self._names = Names()
         self._names_of_actions: dict[tuple[bool, str], str] = {}
         self.schemas: dict[str, Json] = {}
@@ -174,6 +195,7 @@ class FleetPaths:
             self._note(robot, link, name, last_segment(link_path(robot.name, robot.model, link.name)), "link")
         for added in parts_of(robot).values():
             self._note(robot, added, name, last_segment(added.path), "component")
+            self._values.append(added.json_schema)
 
     def _note(
         self, of: Robot, thing: Joint | Link | RobotPart | None, robot: str, part: str = "", kind: str = ""
@@ -205,7 +227,8 @@ class FleetPaths:
         self.schemas["ControlLeaseInput"] = forbid_other_members(form_of(LF.ControlLeaseInput).schema)
         yield from _lease(robots).items()
         if self._parts.parts:
-            yield from _thing(self._parts.template(""), self._parts.parameters(), "Part").items()
+            parts = self._parts
+            yield from _thing(parts.template(""), parts.parameters(), "Part", self._values_of_components()).items()
         self._names_of_actions = {key: self._names.new(self._name(*key)) for key in self._actions}
         for (in_part, called), alike in self._properties.items():
             yield from self._property(alike, in_part, called).items()
@@ -213,7 +236,16 @@ class FleetPaths:
             name = self._names_of_actions[in_part, called]
             body = self._body(name, alike.offers, form_of_input)
             template, parameters = alike.template(f"/actions/{called}"), alike.parameters()
-            yield from action_paths(template, name, parameters, alike.offers, body).items()
+            result = self._invocation(name, alike.offers)
+            yield from action_paths(template, name, parameters, alike.offers, body, result).items()
+
+    def _values_of_components(self) -> Json | None:
+        """Return the schema of the values of a whole component; None if there is none. Joints and links have none."""
+        if not self._values:
+            return None
+        name = self._names.new("PartValues")
+        self.schemas[name] = any_of(self._values)
+        return component_ref("schemas", name)
 
     def _name(self, in_part: bool, called: str) -> str:
         """Return the name of an action. Robots, their joints and their components may have actions of one name."""
@@ -258,6 +290,13 @@ class FleetPaths:
         self.schemas[f"{name}Input"] = extract_alternatives(schema, f"{name}Input", self.schemas)
         examples = {"examples": {"first": {"value": example(first)}}} if has_example(first) else {}
         return {"schema": component_ref("schemas", f"{name}Input"), **examples}
+
+    def _invocation(self, name: str, offers: Sequence[Offer]) -> Json:
+        """Return the schema of the invocations of ``offers``: that of all actions, or one with what they return."""
+        if not (members := outcome_members(offers)):
+            return INVOCATION
+        self.schemas[f"{name}Invocation"] = form_of(LF.InvocationShape).schema_with(members)
+        return component_ref("schemas", f"{name}Invocation")
 
     def _distinct(self, offers: Iterable[Offer]) -> list[Offer]:
         """Return one offer for each distinct body schema.
@@ -314,13 +353,17 @@ _FORGET: Json = write_operation(
 )
 
 
-def _thing(template: str, parameters: Parameters, kind: str, **methods: Json) -> dict[str, Json]:
+def _thing(
+    template: str, parameters: Parameters, kind: str, values: Json | None = None, **methods: Json
+) -> dict[str, Json]:
+    """Return the path items of a thing; ``values`` is the schema of those in plain JSON, which some have."""
     stem, linkset = (
         template.rstrip("/"),
         {"application/linkset+json": {"schema": {"type": "object", "required": ["linkset"]}}},
     )
+    title = f"{kind}: description, properties and actions"
     whole, blueprint = resource_path_items(
-        stem, parameters, kind, f"{kind}: description, properties and actions", **methods
+        stem, parameters, kind, title, rdf_get_operation(f"read{kind}", title, values, some=True), **methods
     ).values()
     get = get_operation(f"read{kind}Links", f"Links of a {kind.lower()} (RFC 9264)", linkset)
     links = path_item(parameters, get=get)

@@ -165,7 +165,7 @@ class Thing:
             "safe": False,
             "idempotent": offer.is_stop or "PUT" in offer.methods,
             "synchronous": False,
-            "output": form_of(definition.produces).schema,
+            "output": form_of(definition.produces).schema_with(offer.outcome_members),
             "uriVariables": {"id": _ID},
             "forms": [
                 {

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import httpx
 import pyshacl
@@ -10,9 +10,9 @@ import pytest
 import rdflib
 from rdflib import RDF, RDFS, Literal, URIRef
 
-from browser import DCTERMS, HYBRIT, LF, SH, VOM, Browser, Page
+from browser import DCTERMS, HYBRIT, LF, SH, SOSA, VOM, Browser, Page
 from component_cell import Cell, Colour, Grasped, Piece
-from linked_fleet_agent.components import Battery, Charge, PowerSupplyState, value
+from linked_fleet_agent.components import Battery, Call, Charge, Component, PowerSupplyState, action, unit, value
 from linked_fleet_agent.robots.of_components import RobotOfComponents
 from linked_fleet_client.errors import InvalidInput
 from linked_fleet_client.fleet import Fleet
@@ -87,6 +87,22 @@ def test_a_robot_leads_to_its_components_and_each_conforms_to_its_blueprint(hall
 
 def test_all_that_links_lead_to_is_there_and_conforms(hall: Hall) -> None:
     assert {hall.root + "gripper", hall.root + "lamp/on"} <= whole(hall.browser).pages.keys()
+
+
+@pytest.mark.parametrize(
+    ("body", "status", "said"),
+    [
+        (b'{"width": ' + b"[" * 900 + b"]" * 900 + b"}", 400, "nested more than 16 deep"),
+        (b'{"width": ' + b'{"a": ' * 500 + b"1" + b"}" * 501, 400, "nested more than 16 deep"),
+        (b'{"width": [' + b",".join([b"1"] * 20_000) + b"]}", 400, "more than 10000 commas"),
+        (b'{"width": [[[[1]]]]}', 422, "width"),
+        (b'{"width": 0.01, "width": 0.02}', 400, "two members of the same name"),
+        (b'{"width": "\xff"}', 400, "not UTF-8"),
+    ],
+)
+def test_inputs_that_would_cost_much_are_refused(hall: Hall, body: bytes, status: int, said: str) -> None:
+    answer = hall.browser.http.post(hall.root + "gripper/actions/grasp", content=body, headers=JSON)
+    assert (answer.status_code, said in answer.json()["detail"]) == (status, True), answer.text[:300]
 
 
 def test_values_of_every_type_are_in_json_and_in_rdf(hall: Hall) -> None:
@@ -361,3 +377,46 @@ def test_the_fleet_lists_the_charge_of_a_battery(hall: Hall) -> None:
             battery.left = 64.2
             while (said := told.next().state.value(cart, LF.batteryCharge)) is None or str(said) != "64.0":
                 pass
+
+
+class Scanner(Component, blocking=False):
+    """Measures as many distances as asked for."""
+
+    @value
+    def profile(self) -> list[Annotated[float, unit("M")]]:
+        return [0.25] * 900
+
+    @action()
+    async def scan(self, call: Call[None], count: int) -> list[Annotated[float, unit("M")]]:
+        """Measure."""
+        return [0.5] * count
+
+
+@pytest.mark.parametrize(("count", "is_described"), [(1_000, True), (1_001, False)])
+def test_a_long_result_is_one_literal(tmp_path: Any, count: int, is_described: bool) -> None:
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser), serving_robot(place.zenoh, "r", RobotOfComponents("R", Scanner())):
+        action = f"{place.root}r/scanner/actions/scan"
+        eventually(lambda: browser.http.get(action).status_code == 200, "the scanner")
+        done = browser.http.post(action, json={"count": count}, headers=DONE).raise_for_status()
+        invocation = done.headers["location"]
+        said = browser.http.get(invocation, headers=JSON).json()
+        assert said["output"] == [0.5] * count
+        page = browser.page(invocation)
+        (output,) = page.graph.objects(page.iri, LF.output)
+        value = page.graph.value(output, LF.value)
+        assert isinstance(value, Literal) != is_described
+        assert len(list(page.graph.objects(None, VOM.numericalValue))) >= count * is_described
+
+
+def test_long_values_are_described_whole(tmp_path: Any) -> None:
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser), serving_robot(place.zenoh, "r", RobotOfComponents("R", Scanner())):
+        scanner, profile = f"{place.root}r/scanner", f"{place.root}r/scanner/profile"
+        eventually(lambda: 0.25 in (browser.http.get(profile, headers=JSON).json().get("value") or ()), "the profile")
+        for url in (scanner, profile):
+            graph = browser.page(url).graph
+            (head,) = graph.objects(URIRef(profile), LF.value)
+            assert [float(graph.value(each, VOM.numericalValue)) for each in graph.items(head)] == [0.25] * 900
+            assert graph.value(URIRef(profile), SOSA.resultTime) is not None
+            assert (URIRef(scanner), HYBRIT.property, URIRef(profile)) in graph or url == profile

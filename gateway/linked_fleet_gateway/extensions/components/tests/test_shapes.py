@@ -7,11 +7,12 @@ import pyshacl
 import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from component_schemas import ROBOT, VALUES, formed, nearly, objects, schemas
 from linked_fleet_agent.wire.components import Property
-from linked_fleet_agent.wire.schema import Schema, value_problem
+from linked_fleet_agent.wire.schema import MAX_INTEGER, MAX_NUMBER, Schema, value_problem
 from linked_fleet_gateway.extensions.components.declarations import CompiledProperty, Input
 from linked_fleet_gateway.extensions.components.places import place_of
 from linked_fleet_gateway.extensions.components.shapes import SH
@@ -58,6 +59,30 @@ def pyshacl_accepts(shape: list[Triple], body: list[Triple], focus: Node = FOCUS
     accepted, _, text = pyshacl.validate(to_graph(body), shacl_graph=shapes)
     assert isinstance(accepted, bool), text
     return accepted
+
+
+def json_schema_accepts(schema: Schema, value: Any) -> bool:
+    """As another implementation validates, whose objects have no further members, and its numbers the largest range."""
+    return bool(Draft202012Validator(closed(msgspec.to_builtins(schema))).is_valid(value))
+
+
+def closed(keywords: dict[str, Any]) -> dict[str, Any]:
+    most = {"integer": MAX_INTEGER, "number": MAX_NUMBER}.get(keywords["type"])
+    found = keywords if most is None else {**keywords, "allOf": [{"minimum": -most, "maximum": most}]}
+    if "items" in keywords:
+        found = {**found, "items": closed(keywords["items"])}
+    if keywords["type"] == "object":
+        members = {name: closed(each) for name, each in keywords.get("properties", {}).items()}
+        found = {**found, "properties": members, "additionalProperties": False}
+    return found
+
+
+@settings(max_examples=examples(10_000, most_long=10_000), suppress_health_check=SLOW)
+@given(st.data())
+def test_the_verdict_of_a_shape_is_that_of_json_schema(data: st.DataObject) -> None:
+    schema = data.draw(schemas())
+    value = data.draw(nearly(schema))
+    assert is_accepted(input_of(schema, is_value=True), value) == json_schema_accepts(schema, value)
 
 
 @settings(max_examples=examples(10_000), suppress_health_check=SLOW)

@@ -1,4 +1,4 @@
-// A client of Foxglove: lists the channels, decodes messages of five schemas, and calls a service. Prints a line of JSON
+// A client of Foxglove: lists the channels, decodes messages of six schemas, one of them in JSON, and calls a service. Prints a line of JSON
 // for each. Usage: node foxglove.cjs URL TOKEN ROBOT SUBPROTOCOL MESSAGES
 const { FoxgloveClient } = require("@foxglove/ws-protocol");
 const protobuf = require("protobufjs");
@@ -7,9 +7,10 @@ const WebSocket = require("ws");
 
 const [url, token, robot, subprotocol, most] = process.argv.slice(2);
 const say = (what, value) => console.log(JSON.stringify({ [what]: value }));
-const TOPICS = ["joint_states", "tf", "pose", "log", "invocations"].map((each) => `/${robot}/${each}`);
+const TOPICS = ["joint_states", "tf", "pose", "log", "invocations", "mode"].map((each) => `/${robot}/${each}`);
 
 function decoder(channel) {
+  if (channel.encoding === "json") return (data) => JSON.parse(new TextDecoder().decode(data));
   const set = descriptor.FileDescriptorSet.decode(Buffer.from(channel.schema, "base64"));
   const type = protobuf.Root.fromDescriptor(set).lookupType(channel.schemaName);
   return (data) => type.toObject(type.decode(new Uint8Array(data.buffer, data.byteOffset, data.byteLength)), { longs: Number });
@@ -25,7 +26,7 @@ let called = false;
 let answered = false;
 
 function finish() {
-  if (count < Number(most) || !answered || Object.keys(decoded).length < 5) return;
+  if (count < Number(most) || !answered || Object.keys(decoded).length < TOPICS.length) return;
   say("decoded", decoded);
   say("count", count);
   ws.close();
@@ -43,7 +44,7 @@ client.on("advertise", (found) => {
   say("channels", [...channels.keys()].sort());
   for (const topic of TOPICS) {
     const channel = channels.get(topic);
-    subscribed.set(client.subscribe(channel.id), { name: channel.schemaName, decode: decoder(channel) });
+    subscribed.set(client.subscribe(channel.id), { name: channel.encoding === "json" ? topic : channel.schemaName, decode: decoder(channel) });
   }
 });
 client.on("advertiseServices", (services) => {

@@ -29,14 +29,15 @@ def said_by(here: AuthenticatedGateway, name: str, subprotocol: str, messages: i
 
 
 @pytest.mark.parametrize(("subprotocol", "messages"), [(SUBPROTOCOLS[0], 1000), (SUBPROTOCOLS[1], 50)])
-def test_a_client_lists_channels_decodes_five_schemas_and_calls_a_service(
+def test_a_client_lists_channels_decodes_six_schemas_and_calls_a_service(
     here: AuthenticatedGateway, subprotocol: str, messages: int
 ) -> None:
     said = said_by(here, "root", subprotocol, messages)
     assert {f"/{SEEN}/joint_states", "/hall-1/tf", "/world/objects"} <= set(said["channels"])
-    assert said["count"] >= messages and len(said["decoded"]) == 5
+    assert said["count"] >= messages and len(said["decoded"]) == 6
     states = said["decoded"]["foxglove.JointStates"]
     assert states["joints"][0]["name"] == "shoulder_pan_joint"
+    assert said["decoded"][f"/{SEEN}/mode"]["mode"] == "automatic", "a component"
     assert said["response"]["status"] == 204
 
 

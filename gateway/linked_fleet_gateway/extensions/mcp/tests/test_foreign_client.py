@@ -54,6 +54,19 @@ def _text(result: CallToolResult) -> str:
     return "\n".join(each.text for each in result.content if isinstance(each, TextContent))
 
 
+def test_the_sdk_finds_reads_and_uses_a_component(root: str) -> None:
+    async def run() -> tuple[str, str, str]:
+        async with Client(root + "mcp", mode=ERAS[1]) as client:
+            found = await client.call_tool("find", {"text": "gripper grasp", "kind": "action"})
+            done = await client.call_tool("act", {"action": "/panda/gripper/actions/open", "body": {}})
+            return _text(found), _text(done), _text(await client.call_tool("read", {"target": "/panda/gripper"}))
+
+    found, done, said = asyncio.run(run())
+    assert "/panda/gripper/actions/grasp" in found
+    assert "succeeded" in done, done
+    assert "width" in said, said
+
+
 @pytest.mark.parametrize("era", ERAS)
 def test_the_sdk_finds_and_moves_a_robot(root: str, era: str) -> None:
     told: list[float] = []

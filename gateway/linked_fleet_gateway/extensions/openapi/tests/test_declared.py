@@ -122,6 +122,37 @@ def test_what_is_read_conforms_to_what_is_described(browser: Browser, whole: dic
     assert not validator.is_valid({})
 
 
+@pytest.mark.parametrize("path", ["cell/gripper", "cell/lamp", "cup/gripper"])
+def test_the_values_of_a_component_conform_to_what_is_described(
+    browser: Browser, whole: dict[str, Any], path: str
+) -> None:
+    read = whole["paths"]["/{robot}/{part}"]["get"]
+    (pick,) = (each["schema"] for each in read["parameters"] if each.get("name") == "as")
+    assert pick == {"type": "string", "enum": ["jsonld", "json"], "default": "jsonld"}, "joints have RDF alone"
+    validator = _resolved(whole, read["responses"]["200"]["content"][JSON]["schema"])
+    values = browser.http.get(f"{browser.root}{path}", headers={"accept": JSON}).json()
+    validator.validate(values)
+    assert not validator.is_valid({}), "a component names all of its values"
+    assert not validator.is_valid(values | {next(iter(values)): {"no": "value"}})
+
+
+def test_feedback_and_output_of_an_invocation_conform_to_what_is_described(
+    browser: Browser, whole: dict[str, Any]
+) -> None:
+    template = "/{robot}/{component}/actions/grasp"
+    created = whole["paths"][template]["post"]["responses"]["201"]["content"][JSON]["schema"]
+    read = whole["paths"][template + "/invocations/{invocation}"]["get"]["responses"]["200"]["content"][JSON]["schema"]
+    assert created == read != {"$ref": "#/components/schemas/Invocation"}
+    fields = {"accept": JSON, "prefer": "return=representation, wait=10"}
+    answer = browser.http.post(f"{browser.root}cell/gripper/actions/grasp", json={"force": 20}, headers=fields)
+    said = browser.http.get(answer.headers["location"], headers={"accept": JSON}).json()
+    assert said["state"].endswith("#succeeded")
+    assert "output" in said
+    validator = _resolved(whole, read)
+    validator.validate(said)
+    assert not validator.is_valid(said | {"output": "none"})
+
+
 def test_the_examples_are_accepted_and_conform(browser: Browser, whole: dict[str, Any]) -> None:
     tried = 0
     for template, item in whole["paths"].items():

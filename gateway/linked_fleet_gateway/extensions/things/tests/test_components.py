@@ -36,6 +36,12 @@ def test_descriptions_conform_to_the_standard(browser: Browser, path: str) -> No
     conforms(_td(browser, path))
 
 
+def test_actions_say_what_they_return(browser: Browser) -> None:
+    output = _td(browser, "cell/gripper")["actions"]["grasp"]["output"]["properties"]
+    assert output["feedback"]["unit"] == "M"
+    assert output["output"]["required"] == ["width", "holding"]
+
+
 def test_the_directory_has_them_with_their_classes(browser: Browser) -> None:
     answer = browser.http.get(browser.root + "things", headers={"accept": TURTLE})
     things, gripper = read(answer.content, str(answer.url)), URIRef(browser.root + "cell/gripper")
