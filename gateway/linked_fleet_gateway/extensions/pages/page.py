@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import urlsplit
+from urllib.parse import urlsplit, urlunsplit
 
 from markupsafe import Markup
 from pyoxigraph import Triple
@@ -59,6 +59,7 @@ def write_problem(
             error=error,
             detail=texts.readable_title(error.detail, root) if root else error.detail,
             instance=instance,
+            here=address and urlunsplit(("", "", *address[2:])),
             root=root,
             places=places(address.path if address else None, reader.restricted_paths if reader else ()),
             reader=reader,

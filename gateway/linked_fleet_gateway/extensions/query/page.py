@@ -21,6 +21,7 @@ from linked_fleet_gateway.faces import NavigationEntry, Reader
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
 
 _CELL_BYTES = 64
+_LONGEST_ADDRESS = 1500
 _NUMERIC = frozenset(NUMERIC)
 
 
@@ -161,8 +162,14 @@ def _page(
     with speaking(reader.languages):
         return render(
             "results.html", query=clean(query), root=f"{base}/", places=entries, reader=reader, summary=summary,
-            names=names, rows=rows, formats=formats, problem=problem, examples=EXAMPLES,
+            names=names, rows=rows, formats=formats, problem=problem, examples=EXAMPLES, here=_here(query),
         )  # fmt: skip
+
+
+def _here(query: str) -> str:
+    """Return the address of the page, without a query that is too long to be led back to."""
+    address = f"/query?{urlencode({'query': query})}"
+    return address if len(address) <= _LONGEST_ADDRESS else "/query"
 
 
 # -- the endpoint ------------------------------------------------------------------------------------------------------

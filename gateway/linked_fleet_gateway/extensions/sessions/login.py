@@ -278,6 +278,7 @@ def _page(
         rights=_rights(caller) if caller else [],
         issuers=issuers,
         then=then,
+        here=f"/login?{urlencode({'then': then})}",
         wrong=wrong,
         failed=failed,
     )

@@ -84,12 +84,13 @@ def test_data_are_the_same_in_every_language(browser: Browser) -> None:
     assert sorted(german.text.splitlines())[:9] == sorted(english.text.splitlines())[:9]
 
 
-def test_a_link_chooses_the_language_and_leads_back(browser: Browser) -> None:
-    page = read(browser, "world", ENGLISH)
+@pytest.mark.parametrize("path", ["world", "?view=table", "nothing", "query?query=ASK+%7B%3Fa+%3Fb+%3Fc%7D"])
+def test_a_link_chooses_the_language_and_leads_back(browser: Browser, path: str) -> None:
+    page = read(browser, path, ENGLISH)
     (link,) = [each for each in page.all("a") if each.get("hreflang") == "de"]
     assert link.text == "Deutsch" and link["lang"] == "de"
     answer = browser.http.get(browser.root.rstrip("/") + link["href"], follow_redirects=False)
-    assert (answer.status_code, answer.headers["location"]) == (303, browser.root + "world")
+    assert (answer.status_code, answer.headers["location"]) == (303, browser.root + path)
     browser.http.cookies.clear()  # other tests choose their own
     assert re.match(r"language=de; Max-Age=\d+; Path=/; SameSite=lax", answer.headers["set-cookie"])
     chosen = browser.http.get(browser.root, headers=ENGLISH | {"cookie": "language=de"})

@@ -43,6 +43,9 @@ def test_a_token_opens_what_it_is_for(operator: PageUser, own: AuthenticatedGate
     page.goto(f"{own.root}{SEEN}/")
     expect(page).to_have_url(re.compile("/login"))
     assert violations_in_both_schemes(page) == []
+    page.get_by_role("link", name="Deutsch").click()
+    expect(page.get_by_role("heading", level=1)).to_have_text("Anmelden")
+    page.get_by_role("link", name="English").click()
     page.get_by_label("Token", exact=True).fill(own.tokens["lab"])
     operator.press(page.get_by_role("button", name="Log in"))
     expect(page).to_have_url(f"{own.root}{SEEN}/")
