@@ -20,6 +20,7 @@ from linked_fleet_gateway.extensions.missions.mission import (
     Step,
     Variable,
     Wait,
+    all_steps,
     step_at,
 )
 from linked_fleet_gateway.extensions.missions.record import Run, StepRun
@@ -148,6 +149,13 @@ def describe_run(graph: Graph, iri: NamedNode, run: Run) -> None:
         graph.add(iri, LF.note, Literal(text))
     for path, said in run.steps.items():
         graph.add(iri, LF.stepRun, _describe_step_run(graph, run, path, said))
+    for path, step in all_steps(run.mission.step):
+        node = graph.blank(LF.PlannedStep)
+        graph.a(node, CLASSES[type(step)])
+        graph.add(iri, LF.plannedStep, node)
+        graph.add(node, LF.stepPath, Literal(path))
+        if heading := step.title or step.name:
+            graph.add(node, DCTERMS.title, Literal(heading))
 
 
 def run_json(id: str, run: Run) -> bytes:
@@ -162,8 +170,14 @@ def run_json(id: str, run: Run) -> bytes:
         "values": run.values,
         "notes": run.notes,
         "steps": steps,
+        "plan": [_planned_json(path, step) for path, step in all_steps(run.mission.step)],
     }
     return json.dumps(told | ({"reason": run.reason} if run.reason else {}), ensure_ascii=False).encode()
+
+
+def _planned_json(path: str, step: Step) -> dict[str, object]:
+    heading = step.title or step.name
+    return {"step": path, "type": TAGS[type(step)]} | ({"title": heading} if heading else {})
 
 
 def _step_json(run: Run, path: str, said: StepRun) -> dict[str, object]:

@@ -1,9 +1,11 @@
 """The pages of missions: the list, one mission as an outline, the list of runs, and one run with its steps."""
 
+import math
 import re
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from datetime import datetime
+from operator import itemgetter
 from pathlib import Path
 
 from pyoxigraph import BlankNode, Literal, NamedNode
@@ -73,20 +75,24 @@ class Decision:
 
 @dataclass(frozen=True)
 class StepRunRow:
-    """A step of a run; ``deep`` is the number of steps above it, ``took`` how long it lasted."""
+    """A step of a run; ``deep`` is the number of steps above it, ``took`` how long it lasted.
+
+    One that ``is_pending`` has not begun. Steps with others below them have no state of their own.
+    """
 
     path: str
     deep: int
-    round: str
     word: str
     title: str
-    state: Value | None
-    reason: str
-    attempt: str
-    began: Value | None
-    took: str
-    invocation: Link | None
-    decisions: Sequence[Decision]
+    round: str = ""
+    state: Value | None = None
+    reason: str = ""
+    attempt: str = "1"
+    began: Value | None = None
+    took: str = ""
+    invocation: Link | None = None
+    decisions: Sequence[Decision] = ()
+    is_pending: bool = False
 
 
 @dataclass(frozen=True)
@@ -176,7 +182,8 @@ def run(facts: Facts, iri: NamedNode) -> Part:
     nodes = [each for each in facts.all(iri, LF.stepRun) if isinstance(each, BlankNode)]
     state = facts.one(iri, LF.state)
     is_open = state not in (LF.succeeded, LF.failed, LF.cancelled, LF.ending)
-    steps = sorted((_step(facts, iri, each, is_open) for each in nodes), key=lambda row: _order(row.path))
+    begun = [_step(facts, iri, each, is_open) for each in nodes]
+    steps = [row for _, row in sorted([*_in_order(begun), *_not_begun(facts, iri, begun)], key=itemgetter(0))]
     asking = [each for each in nodes if is_open and _asks(facts, each)]
     notes = [each.value for each in facts.all(iri, LF.note) if isinstance(each, Literal)]
     more = {
@@ -188,15 +195,45 @@ def run(facts: Facts, iri: NamedNode) -> Part:
         "actions": _actions(facts, iri),
         "timeline": timeline_link(facts, facts.text(iri, DCTERMS.created)),
     }
-    return Part(more, {LF.stepRun, LF.note, LF.state, LF.reason, HYBRIT.action})
+    return Part(more, {LF.stepRun, LF.plannedStep, LF.note, LF.state, LF.reason, HYBRIT.action})
 
 
 _OPENED = {LF.failed, LF.unknown, LF.cancelled}
 
 
-def _order(path: str) -> list[int]:
-    """Return the numbers of a path, by which steps are in the order of their mission."""
-    return [int(each) for each in re.findall(r"\d+", path)]
+_Place = list[tuple[int, float]]
+"""A path as the numbers of children, each with its round; by it steps are in the order of their mission."""
+
+
+def _in_order(begun: Sequence[StepRunRow]) -> Iterator[tuple[_Place, StepRunRow]]:
+    for row in begun:
+        parts = [each.partition("#") for each in row.path.split(".")]
+        yield [(int(number), float(after or -1)) for number, _, after in parts], row
+
+
+def _not_begun(facts: Facts, iri: NamedNode, begun: Sequence[StepRunRow]) -> Iterator[tuple[_Place, StepRunRow]]:
+    """Yield the steps with steps below them, which are headings, and those that have not begun in any round."""
+    nodes = [each for each in facts.all(iri, LF.plannedStep) if isinstance(each, BlankNode)]
+    planned = {facts.text(each, LF.stepPath): each for each in nodes}
+    known = {re.sub(r"#\d+", "", row.path) for row in begun}
+    above = {path.rpartition(".")[0] for path in planned}
+    for path, node in planned.items():
+        if path in above or path not in known:
+            row = StepRunRow(path, path.count("."), _word(facts, node), facts.text(node, DCTERMS.title))
+            yield _planned_place(facts, path, planned, path in above), replace(row, is_pending=path not in above)
+
+
+def _planned_place(facts: Facts, path: str, planned: Mapping[str, BlankNode], is_heading: bool) -> _Place:
+    """Return where a step stands: a heading before the rounds of what is below it, another one after them."""
+    parts = path.split(".")
+    repeats = [
+        facts.is_a(node, LF.RepeatStep) if (node := planned.get(".".join(parts[:deep]))) is not None else False
+        for deep in range(len(parts))
+    ]
+    return [
+        (int(part), math.inf if repeated and not is_heading else -1.0)
+        for part, repeated in zip(parts, repeats, strict=True)
+    ]
 
 
 def _asks(facts: Facts, node: BlankNode) -> bool:
@@ -242,9 +279,9 @@ def _step(facts: Facts, iri: NamedNode, node: BlankNode, is_open: bool) -> StepR
     return StepRunRow(
         path,
         path.count("."),
-        say("round {numbers}", numbers=", ".join(map(str, rounds))) if rounds else "",
         _word(facts, node),
         facts.text(node, DCTERMS.title),
+        say("round {numbers}", numbers=", ".join(map(str, rounds))) if rounds else "",
         facts.first_value(node, LF.state),
         facts.text(node, LF.reason),
         facts.text(node, LF.attempt),

@@ -9,7 +9,7 @@ LF = RULES.extended(
     " StepRun missions missionRuns parameter parameterType minimum maximum default option step steps kind actsOn"
     " anySuffices times seconds until within text holds mission stepRun stepPath attempt note confirmed"
     " StepRehearsal stepRehearsal PauseRun ResumeRun RetryStep SkipStep AnswerStep paused blocked ending skipped"
-    " starting number wholeNumber truth textValue thing MissionBuilder MissionBuilderShape"
+    " starting number wholeNumber truth textValue thing MissionBuilder MissionBuilderShape PlannedStep plannedStep"
 )
 JSON = RDF.iri + "JSON"
 """The datatype of bodies in plain JSON (JSON-LD 1.1, 10.2)."""
