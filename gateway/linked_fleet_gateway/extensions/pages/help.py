@@ -39,6 +39,10 @@ _OWN = {
     "link": (message("One rigid part of the robot, and what is measured at it."), "docs/DESCRIPTIONS.md"),
     "joint_state": (message("The latest position, speed and effort of all joints."), "docs/DESCRIPTIONS.md"),
     "property": (message("One value of the robot. If it is a setting, it can be changed here."), "docs/MAP.md"),
+    "annotations": (
+        message("What people and programs say of the robot besides its values, such as its serial number."),
+        "docs/MAP.md",
+    ),
     "action": (
         message(
             'One thing that can be done here. Fill in the fields that are marked by *. "Try without moving" says what'

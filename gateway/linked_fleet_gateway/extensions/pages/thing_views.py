@@ -4,11 +4,11 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pyoxigraph import BlankNode, NamedNode
+from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import robot_panel, texts
-from linked_fleet_gateway.extensions.pages.languages import say, translated
+from linked_fleet_gateway.extensions.pages.languages import message, say, translated
 from linked_fleet_gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
 from linked_fleet_gateway.extensions.pages.views import LF, Part, constant
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, ROS, SOSA
@@ -353,6 +353,40 @@ def property_(facts: Facts, iri: NamedNode) -> Part:
     if own.number is not None or own.time is not None:
         shown = set(facts.of.get(iri, {})) - {RDFS.seeAlso, HYBRIT.consumes}
     return Part({"presence": presence(facts, iri), "card": own, "form": form.form_of_setting(facts, iri)}, shown)
+
+
+@dataclass(frozen=True)
+class Annotation:
+    """A statement about a robot; ``statement`` is it in N-Triples, empty if it leads to others."""
+
+    row: Row
+    statement: str
+
+
+def annotations(facts: Facts, iri: NamedNode) -> Part:
+    """Return the statements about the robot, each by itself, and what a form offers to say of it."""
+    robot = NamedNode(iri.value.removesuffix("annotations"))
+    said = [
+        Annotation(
+            Row(facts.term(predicate), [facts.value(each, predicate, None)]),
+            f"{robot} {predicate} {each} ." if isinstance(each, NamedNode | Literal) else "",
+        )
+        for predicate in facts.of.get(robot, {})
+        for each in facts.all(robot, predicate)
+    ]
+    offered = [(each.value, translated(label)) for each, label in _ANNOTATIONS.items()]
+    more = {"presence": presence(facts, iri), "annotations": said, "offered": offered, "robot": robot.value}
+    return Part(more, {*PRESENCE, *AROUND}, {robot})
+
+
+_SCHEMA = "https://schema.org/"
+_ANNOTATIONS = {
+    RDFS.comment: message("Comment"),
+    NamedNode(_SCHEMA + "serialNumber"): message("Serial number"),
+    NamedNode(_SCHEMA + "manufacturer"): message("Manufacturer"),
+    NamedNode(_SCHEMA + "location"): message("Location"),
+}
+"""What people mostly say of robots, with the terms for it."""
 
 
 def joint_state(facts: Facts, iri: NamedNode) -> Part:

@@ -34,6 +34,7 @@ _KINDS: Mapping[NamedNode, tuple[str, Callable[[Facts, NamedNode], Part]]] = {
     LF.Invocation: ("invocation", action_views.invocation),
     HYBRIT.Action: ("action", action_views.action),
     LF.JointState: ("joint_state", things.joint_state),
+    LF.Annotations: ("annotations", things.annotations),
     HYBRIT.Property: ("property", things.property_),
     HYBRIT.Subscription: ("subscription", action_views.subscription),
     LF.ControlLease: ("lease", action_views.lease),

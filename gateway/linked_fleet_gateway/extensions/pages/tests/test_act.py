@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import pytest
+import rdflib
 from playwright.sync_api import Locator, Page, Request, expect
 
 from browser import LF, ROS, SPATIAL, Browser
@@ -14,6 +15,7 @@ from watched_page import Watched
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 JOINT = "wrist_3_joint"
 REFUSED = "Failed to load resource"
+SERIAL = rdflib.URIRef("https://schema.org/serialNumber")
 
 
 @dataclass
@@ -252,3 +254,37 @@ def test_a_callback_is_made_and_deleted(page: Page, watched: object, ur5: Robot)
     row.get_by_role("button").click()
     page.get_by_role("button", name="Delete", exact=True).last.click()
     expect(row).to_have_count(0)
+
+
+def test_annotations_are_added_and_deleted(page: Page, watched: object, ur5: Robot) -> None:
+    page.goto(f"{ur5.browser.root}ur5/annotations")
+    said, add = page.locator("#annotations"), page.locator("form.annotate")
+    add.get_by_label("What").select_option(label="Serial number")
+    add.get_by_label("Value").fill('4711 "B"')
+    add.get_by_role("button", name="Add it").click()
+    expect(said).to_contain_text('4711 "B"')
+    graph = ur5.browser.robot("ur5").graph
+    assert (None, SERIAL, rdflib.Literal('4711 "B"')) in graph
+    add.get_by_label("What").select_option(label="Another property")
+    add.get_by_label("Address of the property").fill("urn:example:colour")
+    add.get_by_label("Value").fill("red")
+    add.get_by_role("button", name="Add it").click()
+    expect(said).to_contain_text("red")
+    for text in ("red", "4711"):
+        said.get_by_role("listitem").filter(has_text=text).get_by_role("button").click()
+        page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+        expect(said).not_to_contain_text(text)
+    assert (None, SERIAL, None) not in ur5.browser.robot("ur5").graph
+
+
+def test_what_the_robot_says_itself_is_not_deleted_and_the_page_says_so(
+    page: Page, watched: Watched, ur5: Robot
+) -> None:
+    page.goto(f"{ur5.browser.root}ur5/annotations")
+    said = page.locator("#annotations").get_by_role("listitem")
+    before = said.count()
+    said.get_by_role("button").first.click()
+    page.get_by_role("dialog").get_by_role("button", name="Delete").click()
+    expect(page.locator("#notice")).to_contain_text("robot itself")
+    assert said.count() == before
+    watched.forgive(REFUSED)

@@ -21,10 +21,11 @@ import * as robotState from "./robot_state.js";
 import * as sliders from "./sliders.js";
 import * as poses from "./poses.js";
 import * as lease from "./lease.js";
+import * as annotations from "./annotations.js";
 import { whenWanted } from "./lazy_scene.js";
 import { parts } from "extensions";
 
-const ROBOT = [robotState, sliders, poses, lease];
+const ROBOT = [robotState, sliders, poses, lease, annotations];
 const FLEET = [fleet, group, rows];
 const PAGE = [stop, notice, region, presence, live, age, connection, form, act, tasks, include, remove, copy];
 for (const part of [...PAGE, ...ROBOT, ...FLEET, ...parts]) {
