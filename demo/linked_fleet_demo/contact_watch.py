@@ -30,3 +30,8 @@ class ContactWatch:
                 found.setdefault(each.robot, each)
         self._stopped_s |= dict.fromkeys(found, now_s)
         return list(found.values())
+
+    def not_stopped(self, contact: Contact) -> None:
+        """Have a contact found again, because its robot could not be stopped."""
+        self._stopped_s.pop(contact.robot, None)
+        self._touching.pop((contact.robot, contact.other), None)

@@ -82,6 +82,7 @@ class Contacts:
                 self._reader.stop(each.robot, f"contact: {each.what}")
             except (OSError, HTTPException) as error:
                 log.warning("%s could not be stopped: %s", each.robot, error)
+                self._watch.not_stopped(each)
 
     def _moves(self, name: str, frame: bytes | None) -> bool:
         """Put a robot where a frame says. Return True if it has moved since the last look."""

@@ -5,6 +5,7 @@ import urllib.error
 import urllib.request
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from http.client import HTTPException
 from typing import Any
 from urllib.parse import unquote
 
@@ -39,9 +40,13 @@ class WorldReader:
 
     def read(self) -> World:
         """Return the world; the same one if nothing has changed. Raises OSError, HTTPException."""
-        world, objects = (self._graph(f"{self._root}{path}") for path in ("world", "world/objects"))
-        if world[1] or objects[1]:
-            self._world = World(dict(self._placements(world[0])), tuple(self._objects(objects[0])))
+        try:
+            world, objects = (self._graph(f"{self._root}{path}") for path in ("world", "world/objects"))
+            if world[1] or objects[1]:
+                self._world = World(dict(self._placements(world[0])), tuple(self._objects(objects[0])))
+        except (OSError, HTTPException):
+            self._kept.clear()  # what was read of it is in no world yet
+            raise
         return self._world
 
     def stop(self, robot: str, reason: str) -> None:

@@ -36,3 +36,11 @@ def test_of_two_robots_the_one_that_moves_is_stopped() -> None:
     both = [contact(0.01, "other"), contact(0.01, "arm", "other")]
     assert ContactWatch().collisions(both, {"arm"}, 0.0) == [both[0]]
     assert ContactWatch().collisions(both, {"arm", "other"}, 0.0) == both
+
+
+def test_a_robot_that_could_not_be_stopped_is_stopped_by_the_next_look() -> None:
+    watch = ContactWatch()
+    assert watch.collisions([contact(0.006)], {"arm"}, 0.0) == [contact(0.006)]
+    watch.not_stopped(contact(0.006))
+    assert watch.collisions([contact(0.007)], {"arm"}, 0.1) == [contact(0.007)]
+    assert watch.collisions([contact(0.008)], {"arm"}, 0.2) == []

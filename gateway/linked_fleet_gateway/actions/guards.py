@@ -76,8 +76,9 @@ class Guards:
 
     async def await_ready(self, robot: Robot, visible_robots: View) -> None:
         """Wait until motions of a robot can be checked, or until the guards give up waiting."""
-        with suppress(MotionRefused, Busy):
-            await self.wait_until_ready(robot, visible_robots)
+        for guard in self._guards:
+            with suppress(MotionRefused, Busy):
+                await guard.wait_until_ready(robot, visible_robots)
 
     async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
         """Wait until motions of a robot can be checked. Raises MotionRefused, Busy."""

@@ -130,7 +130,9 @@ class Table(Generic[T]):
         self._digests: dict[str, str] = {}
         self.changes = 0
         """Number of changes so far."""
-        self._replica = Replica(stored.load, stored.read, self._take)
+        self.is_loaded = False
+        """True once all records were read."""
+        self._replica = Replica(self._load, stored.read, self._take)
         self._tasks: list[asyncio.Task[None]] = []
 
     @property
@@ -191,6 +193,11 @@ class Table(Generic[T]):
                 return await self.update(id, update)
             except RedisUnavailable:
                 await asyncio.sleep(_RETRY_S)
+
+    async def _load(self) -> dict[str, bytes]:
+        found = await self._stored.load()
+        self.is_loaded = True
+        return found
 
     def _take(self, id: str, body: bytes | None) -> None:
         before, found = self._known.get(id), digest(body)

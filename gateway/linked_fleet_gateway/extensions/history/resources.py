@@ -50,6 +50,7 @@ from linked_fleet_gateway.extensions.history.track import (
     layout_size,
     link_series,
     samples,
+    wall_ns,
 )
 from linked_fleet_gateway.extensions.history.values import VALUES, values_of
 from linked_fleet_gateway.extensions.models.geometry import SUFFIXES, file_name, mesh_path, urdf_with_mesh_addresses
@@ -62,6 +63,8 @@ from linked_fleet_gateway.rdf.serialise import WriteError
 from linked_fleet_gateway.serving import Rendition
 
 SEGMENT = "history"
+_SPACED = 5_000
+"""Samples of which a page with ``every`` has some."""
 _SHORT, _SHORT_OF_VECTORS = 256, 16
 """Samples of a page that are read at once; a pose is computed from the positions of all joints above."""
 
@@ -78,7 +81,8 @@ class HistoryPage:
     is_short: bool = False
     """True if its samples are read in a millisecond or two."""
     on_disk: Callable[[bool], "HistoryPage"] | None = None
-    """Returns the page with what only the disk has, in a thread; True for that of a file."""
+    """Returns the page with what only the disk has, without what ``every`` leaves out, in a thread; True for that of a
+    file."""
 
 
 @dataclass(frozen=True)
@@ -191,29 +195,38 @@ def _pages(
 ) -> HistoryPage:
     """Return what memory has of a span, and how the rest is read."""
     shortest, longest = span.observations, _most(history, track, robot, span)
+    if span.every_ns is not None:  # most samples are left out
+        shortest = max(shortest, _SPACED)
     page, file = page_of(track, span, shortest), page_of(track, span, longest)
     of_page, of_file = (
         beyond(history.archive, robot.name, each, most) for each, most in ((page, shortest), (file, longest))
     )
-    found = made(_spaced_page(page), file)
-    if of_page is None and of_file is None:
+    found = made(page, file)
+    if of_page is None and of_file is None and span.every_ns is None:
         return found
 
     def on_disk(is_file: bool) -> HistoryPage:
-        read = of_file if is_file else of_page
-        if read is None:
-            return found
-        return made(page, read()) if is_file else made(_spaced_page(read()), file)
+        if is_file:
+            return made(page, _spaced_page(file if of_file is None else of_file(), span.limit))
+        return made(_spaced_page(page if of_page is None else of_page(), span.observations), file)
 
     return replace(found, on_disk=on_disk)
 
 
-def _spaced_page(page: Page) -> Page:
-    """Return the page without the samples that ``every`` leaves out."""
-    if page.excerpt is None or page.span.every_ns is None:
+def _spaced_page(page: Page, most: int | None) -> Page:
+    """Return the page with at most so many of the samples that ``every`` leaves."""
+    excerpt, every_ns = page.excerpt, page.span.every_ns
+    if excerpt is None or every_ns is None:
         return page
-    frames = spaced(page.excerpt.frames, page.span.every_ns)
-    return replace(page, excerpt=replace(page.excerpt, frames=frames))
+    frames, before, after = spaced(excerpt.frames, every_ns, excerpt.after is None), excerpt.before, excerpt.after
+    if after is not None and frames:
+        after = max(after, wall_ns(frames[-1]) + every_ns)
+    if most is not None and len(frames) > most:
+        if page.span.forward:
+            frames, after = frames[:most], wall_ns(frames[most])
+        else:
+            frames, before = frames[-most:], wall_ns(frames[-most - 1])
+    return replace(page, excerpt=replace(excerpt, frames=frames, before=before, after=after))
 
 
 def _file(path: str, suffix: str) -> str:
@@ -261,14 +274,13 @@ def _most(history: History, track: Track | None, robot: Robot, span: Span) -> in
         fit = max(1, MOST_BYTES // layout_size(joints))
     else:
         fit = 1
-    return fit if span.limit is None else min(span.limit, fit)
+    return fit if span.limit is None or span.every_ns is not None else min(span.limit, fit)
 
 
 def _kept(page: Page, joints: Joints | None) -> Excerpt:
-    """Return the frames of a page, as far apart as is asked for; without any, an empty excerpt. Call it in a thread."""
-    spaced_out = _spaced_page(page).excerpt
-    if spaced_out is not None:
-        return spaced_out
+    """Return the frames of a page; without any, an empty excerpt."""
+    if page.excerpt is not None:
+        return page.excerpt
     if joints is None:
         raise WriteError("the robot has not published its description")
     return Excerpt(joints)

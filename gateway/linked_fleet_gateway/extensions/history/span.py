@@ -13,6 +13,7 @@ MOST = 1000
 _NEWEST = 10
 """Observations in a response to a query without a time."""
 _SECOND_NS = 1_000_000_000
+_MOST_SPACING_NS = 10**6 * _SECOND_NS
 _LATEST_NS = 2**63 - 1  # no frame has a later stamp, nor one before 1970
 _VARIABLES = ("from", "to", "last", "limit", "every", "at")
 _TIME = re.compile(r"(\d{4}-\d\d-\d\dT\d\d:\d\d:\d\d)(?:\.(\d{1,9}))?(Z|[+ -]\d\d:\d\d)", re.ASCII)
@@ -70,7 +71,7 @@ def parse_span(query: Iterable[tuple[str, str]]) -> Span:
         _time("to", said["to"]) if "to" in said else None,
         _duration("last", said["last"]) if "last" in said else None,
         _limit(said["limit"]) if "limit" in said else None,
-        _duration("every", said["every"]) if "every" in said else None,
+        _spacing(said["every"]) if "every" in said else None,
         _time("at", said["at"]) if "at" in said else None,
     )
     if span.begin_ns is not None and span.end_ns is not None and span.begin_ns > span.end_ns:
@@ -125,6 +126,13 @@ def _duration(name: str, text: str) -> int:
     fraction = int((found[7] or "0").ljust(9, "0"))
     days += years * _YEAR_DAYS + months * _MONTH_DAYS
     return (((days * 24 + hours) * 60 + minutes) * 60 + seconds) * _SECOND_NS + fraction
+
+
+def _spacing(text: str) -> int:
+    found = _duration("every", text)
+    if found >= _MOST_SPACING_NS:
+        raise BadRequest("every is less than 1,000,000 s.")
+    return found
 
 
 def _limit(text: str) -> int:

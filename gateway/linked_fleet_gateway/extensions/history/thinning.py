@@ -39,15 +39,18 @@ def is_gap(frame: bytes) -> bool:
     return len(frame) > _VALUES_AT and frame[_VALUES_AT:] == _UNKNOWN * ((len(frame) - _VALUES_AT) // len(_UNKNOWN))
 
 
-def spaced(frames: Sequence[bytes], every_ns: int) -> tuple[bytes, ...]:
-    """Return the frames that are at least ``every_ns`` after the one that was kept before, and the newest.
+def spaced(frames: Sequence[bytes], every_ns: int, with_last: bool = True) -> tuple[bytes, ...]:
+    """Return the frames that are at least ``every_ns`` after the one that was kept before, and the last one if asked.
 
     A gap stays, with the frames before and after it, so that nothing is known for longer or shorter than it was.
     """
     kept = list[bytes]()
     for each, following in zip_longest(frames, frames[1:]):
-        late = following is None or not kept or wall_ns(each) - wall_ns(kept[-1]) >= every_ns
-        if late or is_gap(each) or is_gap(following) or is_gap(kept[-1]):
+        if following is None and with_last:
+            kept.append(each)
+            continue
+        late = not kept or wall_ns(each) - wall_ns(kept[-1]) >= every_ns
+        if late or is_gap(each) or is_gap(following or b"") or is_gap(kept[-1]):
             kept.append(each)
     return tuple(kept)
 

@@ -1,6 +1,9 @@
 """The extension ``latches``: stops that hold until a person resets them."""
 
+import asyncio
+import logging
 import time
+import uuid
 from collections.abc import AsyncIterator, Mapping, Sequence
 from contextlib import asynccontextmanager
 from functools import partial
@@ -13,6 +16,8 @@ from linked_fleet_gateway.api import (
     Container,
     Core,
     Extension,
+    FleetError,
+    Invocation,
     Motion,
     Mount,
     Right,
@@ -34,6 +39,7 @@ from linked_fleet_gateway.faces import Identity, Tree, View
 from linked_fleet_gateway.fleet.unchecked import Finding
 
 HERE = Path(__file__).parent
+log = logging.getLogger(__name__)
 SEGMENT = "stopLatches"
 _MOST = 10_000
 _FREE = Finding(free=True)
@@ -43,6 +49,12 @@ class StopLatched(MotionRefused):
     """A stop of the robot, or of the fleet, holds until a person resets it."""
 
     status, code, title = 409, "stop-latched", "A stop holds until it is reset"
+
+
+class LatchesUnknown(MotionRefused):
+    """Which stops hold is not read yet by the gateway."""
+
+    status, code, title = 503, "latches-unknown", "It is not known whether a stop holds"
 
 
 class Latches:
@@ -66,12 +78,17 @@ class Latches:
 
         Raises Conflict, RedisUnavailable, ContainerFull.
         """
-        for id, each in self.known.items():
-            if each.robot == record.robot:
-                if record.reason in ("", each.reason):
-                    return id
-                raise Conflict(f"The {record.title[0].lower()}{record.title[1:]} holds already: PUT /{SEGMENT}/{id}.")
-        return await self._table.add(record)
+        id = str(uuid.uuid5(uuid.NAMESPACE_URL, record.path))  # of two at the same time one is there
+        while (held := self.known.get(id)) is None:
+            if await self._table.change(id, record):
+                return id
+        if record.reason in ("", held.reason):
+            return id
+        raise Conflict(f"The {record.title[0].lower()}{record.title[1:]} holds already: PUT /{SEGMENT}/{id}.")
+
+    def are_known(self) -> bool:
+        """Return False until the latches were read once."""
+        return self._table.is_loaded
 
     async def change(self, id: str, record: Latch | None) -> bool:
         """Replace the reason of a latch, or reset it for None. Return False if it has changed meanwhile.
@@ -95,13 +112,15 @@ class _Guard:
         self._latches = latches
 
     async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
-        self._check(robot)
+        """Return at once: a motion is checked after its request is known, so that a repeated one gets its answer."""
 
     async def check_path(self, motion: Motion, visible_robots: View, own_id: str) -> Finding:
         self._check(motion.robot)
         return _FREE
 
     def _check(self, robot: Robot) -> None:
+        if not self._latches.are_known():
+            raise LatchesUnknown("It is not known yet which stops hold: Redis has not answered. Try again.")
         if (found := self._latches.of(robot.name)) is None:
             return
         id, latch = found
@@ -130,7 +149,8 @@ class LatchesExtension(Extension):
 
     @asynccontextmanager
     async def start(self, core: Core) -> AsyncIterator[Mount]:
-        table = core.table(SEGMENT, Latch, partial(_tell, core), _MOST)
+        cancelling = set[asyncio.Task[None]]()
+        table = core.table(SEGMENT, Latch, partial(_heard, core, cancelling), _MOST)
         async with table:
             latches = Latches(table)
             yield Mount(
@@ -143,11 +163,30 @@ class LatchesExtension(Extension):
             )
 
 
-def _tell(core: Core, id: str, before: Latch | None, after: Latch | None) -> None:
-    """Tell the subscribers of a latch, of all latches, and of those of its robot."""
-    if before is None:
-        core.live.fan_out.add_resource(f"/{SEGMENT}/{id}")
+def _heard(core: Core, cancelling: set[asyncio.Task[None]], id: str, before: Latch | None, after: Latch | None) -> None:
+    """Tell the subscribers of a latch and of all latches, and cancel what began before this gateway knew of it."""
     core.mark_changed(f"/{SEGMENT}/{id}", f"/{SEGMENT}")
+    if before is not None or after is None:
+        return
+    core.live.fan_out.add_resource(f"/{SEGMENT}/{id}")
+    for each in _begun_since(core, after):
+        task = asyncio.create_task(_cancel(core, each, f"the {after.title} holds"), name=f"cancel {each.id}")
+        cancelling.add(task)
+        task.add_done_callback(cancelling.discard)
+
+
+def _begun_since(core: Core, latch: Latch) -> list[Invocation]:
+    known = core.live.invocations
+    robots = [latch.robot] if latch.robot else known.robots_with_open()
+    open_ = [each for robot in robots for each in known.open_of_robot(robot)]
+    return [each for each in open_ if each.is_motion and each.created_ns >= latch.since_ns]
+
+
+async def _cancel(core: Core, invocation: Invocation, reason: str) -> None:
+    try:
+        await core.cancel(invocation.id, reason)
+    except FleetError as error:
+        log.warning("%s was not cancelled although a stop holds: %s", invocation.id, error.detail)
 
 
 def _container(robots: Mapping[str, Robot], records: Latches) -> Container[Latch]:

@@ -14,6 +14,7 @@ from linked_fleet_gateway.api import (
     NamedNode,
     Robot,
     UnprocessableContent,
+    robot_of,
     robot_path,
     timestamp,
 )
@@ -50,8 +51,8 @@ def read_latch(robots: Mapping[str, Robot], body: Body) -> Latch:
         path = urlsplit(iri).path
     except ValueError:
         path = ""
-    name = path.strip("/")
-    if path != "/" and (name not in robots or path != robot_path(name)):
+    name = FLEET if path == "/" else robot_of(path)
+    if name is None or (path != "/" and (name not in robots or path != robot_path(name))):
         raise nothing_there(iri)
     return Latch(name, (body.text(body.root, LF.reason) or "").strip(), base=iri.removesuffix(path))
 

@@ -175,7 +175,7 @@ def run_json(id: str, run: Run) -> bytes:
     return json.dumps(told | ({"reason": run.reason} if run.reason else {}), ensure_ascii=False).encode()
 
 
-def _planned_json(path: str, step: Step) -> dict[str, object]:
+def _planned_json(path: str, step: Step) -> dict[str, str]:
     heading = step.title or step.name
     return {"step": path, "type": TAGS[type(step)]} | ({"title": heading} if heading else {})
 

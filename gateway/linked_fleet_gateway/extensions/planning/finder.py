@@ -60,6 +60,10 @@ _FIRST_SHARE = 0.4
 """Share of the time for the first search: a second one with other random numbers may be luckier."""
 
 
+_STANDING, _STANDING_S = 1e-6, 0.1
+"""Nearer than this (rad or m) a goal is where the robot stands; its motion lasts this long."""
+
+
 class _Candidate(NamedTuple):
     path: JointPath
     duration_s: float
@@ -132,6 +136,8 @@ class _Search:
 
     def answer(self, goals: list[Positions]) -> PathFound | NotFound:
         rows = sorted(map(self._row, goals), key=self._far)
+        if self._far(rows[0]) < _STANDING:
+            return self._standing(rows[0])
         keeps = self._asked.keeps
         if keeps.shape_the_path:
             self._corridor = Corridor(self._scene, self._asked.around, keeps, [self._start, *rows], STEP)
@@ -146,6 +152,12 @@ class _Search:
         found = tuple(tuple(row) for row in timed.positions.tolist())
         times_s = tuple(timed.times_s.tolist()[1:])
         return PathFound(self._joints, times_s, found[1:], best.length, best.direct, self._tries, least)
+
+    def _standing(self, goal: Array) -> PathFound:
+        """Return the motion to where the robot stands, which has no length and could not be timed."""
+        timed = Timed([0.0, _STANDING_S], np.array([self._start, goal]))
+        least = None if self._keeper is None else self._keeper.least(timed)
+        return PathFound(self._joints, (_STANDING_S,), (tuple(goal.tolist()),), 0.0, 0.0, self._tries, least)
 
     def _timed(self, path: JointPath) -> Timed | None:
         """Return the fastest motion along a path, or one beside it."""

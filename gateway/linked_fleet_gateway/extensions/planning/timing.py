@@ -106,7 +106,7 @@ class _Curve:
     def _duration_s(self) -> float | None:
         try:
             times = self._motion(_WHOLE_S).times
-        except RuntimeError:
+        except (RuntimeError, ValueError):  # also for places that are the same
             return None
         return float(times[-1]) if len(times) >= 2 and times[-1] <= _LONGEST_S else None
 

@@ -185,6 +185,7 @@ def test_spaced_frames_keep_what_ends_before_a_gap() -> None:
     gap = gap_after(frame(3))
     given = [frame(1), frame(2), frame(3), gap, frame(50), frame(51), frame(60), frame(61)]
     assert spaced(given, S // 2) == (frame(1), frame(3), gap, frame(50), frame(60), frame(61))
+    assert spaced(given, S // 2, with_last=False) == (frame(1), frame(3), gap, frame(50), frame(60))
     assert spaced(given, 0) == tuple(given)
     assert spaced([], S) == ()
 

@@ -15,11 +15,14 @@ import { RDF_TYPE, lf } from "../../pages/scripts/src/vocabulary.js";
 const CREATED = "http://purl.org/dc/terms/created";
 const ENDED = "http://www.w3.org/ns/prov#endedAtTime";
 const SUCCEEDED = lf("succeeded");
+const FORBIDDEN = 403;
+const CREATED_STATUS = 201;
 const ASK_MS = 500;
 const MOST_ASKED = 20;
 
 /** @typedef {{iri: string, about: string, by: string, since: string}} Latch */
 let root = "";
+let isLive = false;
 /** @type {HTMLElement|undefined} */
 let bar;
 /** @type {Map<string, string>} how the stops of this page went, by the robot or fleet */
@@ -32,16 +35,20 @@ export function start() {
   if (!root) return;
   const list = `${root}stopLatches`;
   const may = document.body.dataset.may?.split(" ");
-  if (!may || may.includes("subscribe")) watch(list, { interval: 0.2, depth: "this" }, take);
+  isLive = !may || may.includes("subscribe");
+  if (isLive) watch(list, { interval: 0.2, depth: "this" }, take);
   else read(list);
-  /** @type {Promise<boolean>|undefined} */
+  /** @type {Promise<number>|undefined} */
   let latching;
-  document.addEventListener("stopping", (event) => (latching = latch(list, told(event).action)));
+  document.addEventListener("stopping", (event) => (latching = latch(list, stoppedBy(told(event).action))));
   document.addEventListener("stopped", async (event) => {
     const { action, invocation, isConfirmed } = told(event);
-    if (invocation) follow(stoppedBy(action), invocation);
+    const status = await latching;
     // What has begun between a stop and its latch is stopped too. While a stop is not confirmed, nothing begins.
-    if (isConfirmed && (await latching)) fetch(action, { method: "POST", keepalive: true, cache: "no-store" }).catch(() => {});
+    if (isConfirmed && status === CREATED_STATUS) fetch(action, { method: "POST", keepalive: true, cache: "no-store" }).catch(() => {});
+    const answers = invocation ? await follow(stoppedBy(action), invocation) : [];
+    if (status === FORBIDDEN) for (const { iri } of answers) await latch(list, iri); // not the fleet, but these robots
+    if (!isLive) read(list);
   });
 }
 
@@ -55,23 +62,23 @@ function stoppedBy(/** @type {string} */ action) {
   return new URL(action.replace(/actions\/[^/]+$/, ""), document.baseURI).href;
 }
 
-/** Latch what is being stopped, and return whether it was not latched before. */
-async function latch(/** @type {string} */ list, /** @type {string} */ action) {
-  const about = stoppedBy(action);
-  if (latches.some((each) => each.about === about)) return false;
+/** Latch what is being stopped, and return the status of the answer; 0 without one. One that holds already stays. */
+async function latch(/** @type {string} */ list, /** @type {string} */ about) {
   try {
     const headers = { "Content-Type": "application/json" };
     const response = await fetch(list, { method: "POST", headers, body: JSON.stringify({ about }), keepalive: true, cache: "no-store" });
-    if (response.ok) return true;
-    const { title = String(response.status), detail = "" } = await response.json().catch(() => ({}));
-    notice(say("The stop does not hold, so that robots may move again: {title}. {detail}", { title, detail }));
+    if (!response.ok && (response.status !== FORBIDDEN || about !== new URL(root, document.baseURI).href)) {
+      const { title = String(response.status), detail = "" } = await response.json().catch(() => ({}));
+      notice(say("The stop does not hold, so that robots may move again: {title}. {detail}", { title, detail }));
+    }
+    return response.status;
   } catch (error) {
     console.debug("the stop is not latched:", error); // the button says that the gateway does not answer
+    return 0;
   }
-  return false;
 }
 
-/** Say when all that was stopped stands. */
+/** Say when all that was stopped stands, and return what the robots answered. */
 async function follow(/** @type {string} */ about, /** @type {string} */ invocation) {
   for (let asked = 0; asked < MOST_ASKED; asked++) {
     const graph = await described(invocation);
@@ -82,12 +89,14 @@ async function follow(/** @type {string} */ about, /** @type {string} */ invocat
       const began = graph.value(invocation, CREATED)?.value ?? ended;
       const seconds = ((Date.parse(ended) - Date.parse(began)) / 1000).toFixed(1);
       standing.set(about, words(robots, all, ended, seconds));
-      return show();
+      show();
+      return robots;
     }
     await new Promise((resolve) => setTimeout(resolve, ASK_MS));
   }
   standing.set(about, say("The stop is not confirmed. Use the hardware stop."));
   show();
+  return [];
 }
 
 /** @returns {Promise<import("../../pages/scripts/src/ntriples.js").Graph|undefined>} */
@@ -100,14 +109,16 @@ async function described(/** @type {string} */ iri) {
   }
 }
 
-/** @returns {{robot: string, stands: boolean, word: string}} */
+/** @typedef {{iri: string, robot: string, stands: boolean, word: string}} Answer */
+
+/** @returns {Answer} */
 function answerIn(graph, answer) {
   const word = graph.value(answer, lf("reason"))?.value ?? "";
-  const robot = new URL(graph.value(answer, lf("ofRobot"))?.value ?? root).pathname.split("/").at(-2) ?? "";
-  return { robot: decodeURIComponent(robot), stands: word === "succeeded", word };
+  const iri = graph.value(answer, lf("ofRobot"))?.value ?? root;
+  return { iri, robot: decodeURIComponent(new URL(iri, document.baseURI).pathname.split("/").at(-2) ?? ""), stands: word === "succeeded", word };
 }
 
-/** @param {{robot: string, stands: boolean, word: string}[]} robots */
+/** @param {Answer[]} robots */
 function words(robots, /** @type {boolean} */ all, /** @type {string} */ ended, /** @type {string} */ seconds) {
   const at = clock(ended);
   const late = robots.filter(({ stands }) => !stands).map(({ robot, word }) => `${robot} (${word})`);
@@ -175,4 +186,5 @@ async function reset(/** @type {Latch} */ latch) {
   if ((await confirmed(question, { yes: say("Reset"), no: say("Keep it") })) === undefined) return;
   const { problem } = await send("DELETE", latch.iri);
   if (problem) notice(`${problem.title}. ${problem.detail}`);
+  if (!isLive) read(`${root}stopLatches`);
 }

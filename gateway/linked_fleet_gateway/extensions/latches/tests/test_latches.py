@@ -1,19 +1,31 @@
 """Stops that hold: who may latch and reset, what is refused meanwhile, and that gateways share them."""
 
+import asyncio
 import contextlib
 from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import httpx
 import pytest
 
 from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
 from browser import LDP, LF, Browser
+from fake_robots import FakeRobot, open_session
 from gateway_group import Gateway, gateways, hub
+from linked_fleet_gateway.api import Core, Invocation, Motion, Table
+from linked_fleet_gateway.extensions.latches.extension import Latches, LatchesUnknown, _Guard, _heard
+from linked_fleet_gateway.extensions.latches.latch import Latch
+from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.identity.rights import ALL as ALL_ROBOTS
+from parallel import at_once
 from redis_servers import Servers, single
 from running import eventually, process
-from small_fleet import live
+from small_fleet import Place, live
 
 pytestmark = pytest.mark.virtual
+S = 1_000_000_000
 
 
 def latch(browser: Browser, about: str, **more: str) -> httpx.Response:
@@ -84,7 +96,7 @@ def test_latching_takes_the_right_to_stop_and_a_robot_that_is_seen(here: Authent
     with here.browsing("reader") as reader, here.browsing("lab") as lab, here.browsing("chief") as chief:
         assert latch(reader, f"{SEEN}/").status_code == 403
         assert latch(lab, "").status_code == 403
-        for nothing in ("nobody/", SEEN, f"{SEEN}/elbow_joint/", "actions/stopAll", "stopLatches"):
+        for nothing in ("nobody/", "/", f"/{SEEN}/", SEEN, f"{SEEN}/elbow_joint/", "actions/stopAll", "stopLatches"):
             assert latch(chief, nothing).status_code == 422, nothing
         hidden, nobody = (latch(lab, about) for about in (f"{HIDDEN}/", "nobody/"))
         assert hidden.json()["detail"].replace(HIDDEN, "nobody") == nobody.json()["detail"]
@@ -129,3 +141,62 @@ def test_gateways_share_latches_and_known_ones_hold_while_redis_is_away(
         assert refused.status_code in (409, 503), refused.text
         assert latch(each.browser, "").status_code == 503
         assert each.browser.http.post(each.browser.root + "ur5/actions/stop").status_code == 204
+
+
+def test_a_robot_whose_name_is_escaped_is_latched(tmp_path: Path) -> None:
+    place = Place(tmp_path)
+    with place.gateway() as (_, browser), open_session(place.zenoh) as session:
+        robot = FakeRobot(session, "stopLatches").appear()
+        eventually(lambda: "~73topLatches/" in browser.http.get(browser.root).text, "the robot")
+        assert latch(browser, "~73topLatches/").status_code == 201
+        robot.leave()
+
+
+def test_two_who_latch_at_the_same_time_make_one(here: AuthenticatedGateway) -> None:
+    with here.browsing("chief") as chief:
+        answers = at_once([lambda: latch(chief, "")] * 3)
+        (url,) = {each.headers["location"] for each in answers}
+        assert listed(chief) == {url}
+        assert chief.http.delete(url).status_code == 204
+
+
+def test_a_repeated_request_gets_its_first_answer_also_while_a_stop_holds(here: AuthenticatedGateway) -> None:
+    with here.browsing("chief") as chief:
+        key = {"idempotency-key": "one-and-only"}
+        first = move(chief, **key)
+        url = latch(chief, f"{SEEN}/").headers["location"]
+        again = move(chief, **key)
+        assert (again.status_code, again.headers["location"]) == (first.status_code, first.headers["location"])
+        assert move(chief, **{"idempotency-key": "another"}).status_code == 409
+        assert chief.http.delete(url).status_code == 204
+
+
+async def test_what_began_before_a_gateway_heard_of_a_latch_is_cancelled() -> None:
+    def begun(id: str, created_ns: int) -> Invocation:
+        return Invocation(id, "a", "/a/actions/rotate", {"j": 1.0}, created_ns, 2 * S, client="me")
+
+    invocations, cancelled = Invocations(), list[str]()
+    for each in (begun("before", S - 1), begun("after", S + 1)):
+        invocations.add(each)
+
+    async def cancel(id: str, reason: str) -> bool:
+        cancelled.append(id)
+        return True
+
+    live = SimpleNamespace(invocations=invocations, fan_out=SimpleNamespace(add_resource=lambda path: None))
+    core = cast(Core, SimpleNamespace(live=live, cancel=cancel, mark_changed=lambda *paths: None))
+    tasks = set[asyncio.Task[None]]()
+    _heard(core, tasks, "1", None, Latch("b", since_ns=S))
+    _heard(core, tasks, "1", None, Latch("a", since_ns=S))
+    await asyncio.gather(*tasks)
+    assert cancelled == ["after"]
+
+
+async def test_motions_are_refused_until_it_is_known_which_stops_hold() -> None:
+    table = SimpleNamespace(known={}, is_loaded=False)
+    guard = _Guard(Latches(cast(Table[Latch], table)))
+    motion = cast(Motion, SimpleNamespace(robot=SimpleNamespace(name="a")))
+    with pytest.raises(LatchesUnknown, match="Try again"):
+        await guard.check_path(motion, ALL_ROBOTS, "")
+    table.is_loaded = True
+    assert (await guard.check_path(motion, ALL_ROBOTS, "")).free

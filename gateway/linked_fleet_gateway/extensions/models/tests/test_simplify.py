@@ -12,7 +12,8 @@ import pytest
 import trimesh
 
 from linked_fleet_agent.wire.messages import Mesh
-from linked_fleet_gateway.base.errors import Offline
+from linked_fleet_gateway.base.errors import Busy, Offline
+from linked_fleet_gateway.extensions.models import simplified
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.models.simplified import SimplifiedMeshes
 from linked_fleet_gateway.extensions.models.simplify import simplify
@@ -200,3 +201,35 @@ async def test_a_process_that_ends_costs_the_simplified_mesh_only() -> None:
     shop = Shop(stl(BAR), module="linked_fleet_gateway.extensions.models.geometry")  # ends at once
     async with aclosing(shop.simplified):
         assert await shop.simplified.get(_robot(), _mesh(stl(BAR))) is None
+
+
+@pytest.mark.processes
+async def test_the_same_bytes_under_another_type_do_not_spoil_a_mesh() -> None:
+    content = stl(BAR)
+    async with opened(content) as shop:
+        lying = Mesh(uri="a.obj", sha256=_mesh(content).sha256, size=len(content), type="model/obj")
+        assert await shop.simplified.get(_robot(), lying) is None
+        assert await shop.simplified.get(_robot(), _mesh(content)) is not None
+
+
+async def test_one_robot_does_not_keep_others_from_simplified_meshes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simplified, "MAX_UNDER_WAY_OF_A_ROBOT", 2)
+    shop, never = Shop(), asyncio.Event()
+
+    async def wait(robot: str, mesh: Mesh, timeout_s: float) -> bytes:
+        await never.wait()
+        return b""
+
+    shop.simplified = SimplifiedMeshes(Meshes(wait))
+    async with aclosing(shop.simplified):
+        waiting = [asyncio.create_task(shop.simplified.get(_robot(), _mesh(each))) for each in (b"a", b"b")]
+        await asyncio.sleep(0)
+        with pytest.raises(Busy):
+            await shop.simplified.get(_robot(), _mesh(b"c"))
+        other = Robot("other", lambda *_: None, Frames())
+        other.set_online(True)
+        waiting.append(asyncio.create_task(shop.simplified.get(other, _mesh(b"c"))))
+        await asyncio.sleep(0)
+        assert not any(each.done() for each in waiting)
+        for each in waiting:
+            each.cancel()

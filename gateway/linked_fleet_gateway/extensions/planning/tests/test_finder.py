@@ -74,6 +74,14 @@ def test_without_anything_in_the_way_the_path_is_straight_and_takes_its_time() -
     assert found.tries == 1
 
 
+@pytest.mark.parametrize("apart", [0.0, 1e-9])
+def test_the_way_to_where_the_arm_stands_has_no_length(apart: float) -> None:
+    goal = {name: position + apart for name, position in STRETCHED.items()}
+    found = path(Room(), Room().path(STRETCHED, goal))
+    assert found.length == 0.0
+    assert dict(zip(found.joints, found.positions[-1], strict=True)) == pytest.approx(goal)
+
+
 def test_the_same_seed_finds_the_same_path() -> None:
     """Of one search; how many compete depends on the time that they take."""
     asked = POST.path(STRETCHED, TURNED)

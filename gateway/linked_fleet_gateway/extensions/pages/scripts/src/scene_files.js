@@ -6,7 +6,7 @@ import { STLLoader } from "three/examples/jsm/loaders/STLLoader.js";
 
 const MOST_BYTES = 32 * 2 ** 20;
 const MOST_OBJECTS = 4096; // of one file, including repeated ones
-const MOST_CORNERS = 6e6; // of one robot, three to a triangle
+export const MOST_CORNERS = 6e6; // of one robot, three to a triangle
 
 /** @throws {Error} if the file in this response is too large */
 export function checkSize(answer) {

@@ -4,7 +4,7 @@ import { say } from "./say.js";
 import { BufferAttribute, BufferGeometry, Color, DoubleSide, Group, Matrix4, Mesh, MeshStandardMaterial, Quaternion, Vector3 } from "three";
 import { toCreasedNormals } from "three/examples/jsm/utils/BufferGeometryUtils.js";
 
-import { limit } from "./scene_files.js";
+import { limit, MOST_CORNERS } from "./scene_files.js";
 
 const GLTF = 0x46546c67;
 const JSON_CHUNK = 0x4e4f534a;
@@ -12,11 +12,11 @@ const TRIANGLES = 4;
 const COMPONENTS = { 5121: Uint8Array, 5123: Uint16Array, 5125: Uint32Array, 5126: Float32Array };
 const MOST_MATERIALS = 256;
 const CREASE_RAD = 0.7;
-const CREASED = 6e5; // corners; finding creases in more of them takes seconds
+const CREASED = 6e5; // corners of a file; finding creases in more of them takes seconds
 const SIZES = { SCALAR: 1, VEC3: 3 };
 
 /**
- * Return its shapes. Those with a material of the file have its base colour, and `userData.coloured` is true then.
+ * Return its shapes. Those with a material of the file have its base colour and `userData.coloured`.
  *
  * @param {ArrayBuffer} file
  * @returns {Group}
@@ -31,6 +31,7 @@ export function glb(file) {
   const pending = (scene?.nodes ?? []).map((node) => ({ node, parent: whole }));
   const colours = (document.materials ?? []).slice(0, MOST_MATERIALS).map(coloured);
   let objects = 0;
+  let corners = 0;
   for (let next = pending.pop(); next; next = pending.pop()) {
     limit(++objects);
     const node = document.nodes[next.node];
@@ -39,9 +40,11 @@ export function glb(file) {
     for (const primitive of document.meshes?.[node.mesh]?.primitives ?? []) {
       limit(++objects);
       if ((primitive.mode ?? TRIANGLES) !== TRIANGLES) continue;
-      const colour = colours[primitive.material];
-      if (colour) whole.userData.coloured = true;
-      group.add(new Mesh(geometry(document, binary, primitive), colour));
+      corners += document.accessors[primitive.indices ?? primitive.attributes.POSITION].count;
+      if (!(corners <= MOST_CORNERS)) throw new Error(say("it has more than {MOST_CORNERS} corners", { MOST_CORNERS }));
+      const mesh = new Mesh(geometry(document, binary, primitive, corners <= CREASED), colours[primitive.material]);
+      mesh.userData.coloured = Boolean(colours[primitive.material]);
+      group.add(mesh);
     }
     for (const child of node.children ?? []) pending.push({ node: child, parent: group });
   }
@@ -74,11 +77,11 @@ function placed({ matrix, translation = [0, 0, 0], rotation = [0, 0, 0, 1], scal
   return group;
 }
 
-function geometry(document, binary, { attributes, indices }) {
+function geometry(document, binary, { attributes, indices }, creased) {
   const found = new BufferGeometry().setAttribute("position", new BufferAttribute(numbers(document, binary, attributes.POSITION), 3));
   if (indices !== undefined) found.setIndex(new BufferAttribute(numbers(document, binary, indices), 1));
   const flat = found.index ? found.toNonIndexed() : found;
-  if (flat.attributes.position.count <= CREASED) return toCreasedNormals(flat, CREASE_RAD);
+  if (creased) return toCreasedNormals(flat, CREASE_RAD);
   flat.computeVertexNormals();
   return flat;
 }

@@ -14,6 +14,8 @@ import { glb } from "./scene_glb.js";
 import { skeleton } from "./scene_skeleton.js";
 
 const AT_ONCE = 4;
+const BUSY = 503;
+const AGAIN_MS = 2000;
 const CREASE_RAD = 0.7;
 const CREASED = 6e5; // corners; finding creases in more of them takes seconds
 const MOST_SHAPES = 4096;
@@ -50,7 +52,7 @@ export function build(urdf, address) {
   const loader = new URDFLoader(new LoadingManager());
   loader.parseCollision = true;
   loader.loadMeshCb = (url, _manager, material, done) =>
-    meshes.push({ url, place: (mesh) => done(mesh.userData.coloured ? mesh : painted(mesh, colour(material))) });
+    meshes.push({ url, place: (mesh) => done(painted(mesh, colour(material))) });
   const robot = loader.parse(xml);
   robot.traverse((/** @type {any} */ each) => each.isMesh && colour(each.material));
   robot.userData.declared = declared;
@@ -124,7 +126,11 @@ export async function loadMeshes(meshes, onProgress, signal) {
 }
 
 async function fetchMesh(url, signal) {
-  const answer = await fetch(url, { signal });
+  let answer = await fetch(url, { signal });
+  if (answer.status === BUSY) {
+    await new Promise((resolve) => setTimeout(resolve, AGAIN_MS));
+    answer = await fetch(url, { signal });
+  }
   if (!answer.ok) throw new Error(`${answer.status} ${answer.statusText}`);
   checkSize(answer);
   const served = answer.url; // that of the mesh itself if it cannot be simplified
@@ -152,9 +158,9 @@ function collada(text) {
   checkCollada(parsed.library);
   const { scene } = new ColladaComposer(parsed.library, parsed.collada, BLANK, BLANK).compose();
   const sized = new Group();
-  sized.userData.coloured = true;
   sized.scale.setScalar(parsed.asset.unit);
   sized.add(drawable(scene));
+  sized.traverse((each) => each.isMesh && (each.userData.coloured = true));
   return sized;
 }
 
@@ -166,8 +172,9 @@ function drawable(object) {
   return object;
 }
 
+/** Give what has no colour of its own that of the URDF. */
 function painted(object, material) {
-  object.traverse((each) => each.isMesh && (each.material = material));
+  object.traverse((each) => each.isMesh && !each.userData.coloured && (each.material = material));
   return object;
 }
 
