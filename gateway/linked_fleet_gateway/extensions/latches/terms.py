@@ -3,5 +3,5 @@
 from linked_fleet_gateway.api import LF as CORE
 
 LF = CORE.extended(
-    "StopLatch StopLatchList StopLatchInput StopLatchShape stopLatches latchAbout latchedBy notLatched stopLatched"
+    "StopLatch StopLatchList StopLatchInput StopLatchShape stopLatches latchAbout latchedBy notLatched"
 )

@@ -6,6 +6,7 @@ import { notice } from "./notice.js";
 import { refresh } from "./region.js";
 import { send } from "./request.js";
 
+const UNPROCESSABLE = 422;
 const SPARQL = { "Content-Type": "application/sparql-update" };
 
 export function start() {
@@ -38,7 +39,8 @@ async function add(/** @type {HTMLFormElement} */ form, /** @type {string} */ pr
 async function remove(/** @type {HTMLButtonElement} */ button) {
   if ((await confirmed(`${button.ariaLabel}?`, { yes: say("Delete"), no: say("Keep it"), danger: true })) === undefined) return;
   const problem = await update(`DELETE DATA { ${button.dataset.statement} }`);
-  if (problem) notice(`${problem.title}. ${problem.detail}`);
+  if (problem?.status === UNPROCESSABLE) notice(say("The robot itself says this, so that only its agent can take it back."));
+  else if (problem) notice(`${problem.title}. ${problem.detail}`);
   button.blur(); // otherwise its section would wait for it to lose the focus
   refresh();
 }
