@@ -160,7 +160,7 @@ function collada(text) {
   const sized = new Group();
   sized.scale.setScalar(parsed.asset.unit);
   sized.add(drawable(scene));
-  sized.traverse((each) => each.isMesh && (each.userData.coloured = true));
+  sized.traverse((/** @type {any} */ each) => each.isMesh && (each.userData.coloured = true));
   return sized;
 }
 
