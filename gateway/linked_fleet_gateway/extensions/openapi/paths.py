@@ -244,8 +244,29 @@ class FleetPaths:
         if not self._values:
             return None
         name = self._names.new("PartValues")
-        self.schemas[name] = any_of(self._values)
+        refs = list[Json]()
+        for number, schema in enumerate(self._values, 1):
+            members = {
+                each: self._named(value, f"{name}{number}{capitalized(each)}")
+                for each, value in schema["properties"].items()
+            }
+            self.schemas[f"{name}{number}"] = schema | {"properties": members}
+            refs.append(component_ref("schemas", f"{name}{number}"))
+        self.schemas[name] = any_of(refs)
         return component_ref("schemas", name)
+
+    def _named(self, schema: Json, name: str) -> Json:
+        """Return the schema of a value, or null, with its objects as named ones, from which generators make classes."""
+        known = next((each for each in schema.get("oneOf", ()) if each.get("type") in ("object", "array")), None)
+        if known is None:
+            return schema
+        inner = known.get("items", known)
+        if inner.get("type") != "object":
+            return schema
+        self.schemas[name] = inner
+        ref = component_ref("schemas", name)
+        said = ref if inner is known else known | {"items": ref}
+        return schema | {"oneOf": [said, *(each for each in schema["oneOf"] if each is not known)]}
 
     def _name(self, in_part: bool, called: str) -> str:
         """Return the name of an action. Robots, their joints and their components may have actions of one name."""
