@@ -2,6 +2,4 @@
 
 from linked_fleet_gateway.api import LF as CORE
 
-LF = CORE.extended(
-    "StopLatch StopLatchList StopLatchInput StopLatchShape stopLatches latchAbout latchedBy notLatched"
-)
+LF = CORE.extended("StopLatch StopLatchList StopLatchInput StopLatchShape stopLatches latchAbout latchedBy notLatched")
