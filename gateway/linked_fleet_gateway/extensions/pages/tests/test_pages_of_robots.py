@@ -21,6 +21,7 @@ KINDS = (
     "joint",
     "link",
     "property",
+    "annotations",
     "action",
     "invocation",
     "subscriptions",
@@ -44,7 +45,7 @@ def addresses(browser: Browser) -> dict[str, list[str]]:
         *walker.graph.objects(walker.iri, HYBRIT.property),
     ]
     properties += list(link.graph.objects(link.iri, HYBRIT.property))
-    joint_state = walker.one(LF.jointState)
+    joint_state, annotations = walker.one(LF.jointState), walker.one(LF.annotations)
     actions = [*root.graph.objects(root.iri, HYBRIT.action), *baxter.graph.objects(baxter.iri, HYBRIT.action)]
     actions += list(turning.graph.objects(turning.iri, HYBRIT.action))
     held = browser.http.post(browser.action(turning, LF.Hold), headers={"prefer": "return=minimal"})
@@ -57,7 +58,8 @@ def addresses(browser: Browser) -> dict[str, list[str]]:
         "robot": [each.url for each in robots],
         "joint": [turning.url, sliding.url],
         "link": [link.url],
-        "property": [str(each) for each in properties if each != joint_state],
+        "property": [str(each) for each in properties if each not in (joint_state, annotations)],
+        "annotations": [str(annotations)],
         "action": [str(each) for each in actions],
         "invocation": [held.headers["location"]],
         "subscriptions": [str(each.one(HYBRIT.subscriptions)) for each in (root, baxter, turning)],
