@@ -20,8 +20,8 @@ from linked_fleet_gateway.extensions.missions.mission import (
     Step,
     Variable,
     Wait,
-    all_steps,
     step_at,
+    walk_paths,
 )
 from linked_fleet_gateway.extensions.missions.record import Run, StepRun
 from linked_fleet_gateway.extensions.missions.terms import JSON, LF
@@ -149,7 +149,7 @@ def describe_run(graph: Graph, iri: NamedNode, run: Run) -> None:
         graph.add(iri, LF.note, Literal(text))
     for path, said in run.steps.items():
         graph.add(iri, LF.stepRun, _describe_step_run(graph, run, path, said))
-    for path, step in all_steps(run.mission.step):
+    for path, step in walk_paths(run.mission.step):
         node = graph.blank(LF.PlannedStep)
         graph.a(node, CLASSES[type(step)])
         graph.add(iri, LF.plannedStep, node)
@@ -170,7 +170,7 @@ def run_json(id: str, run: Run) -> bytes:
         "values": run.values,
         "notes": run.notes,
         "steps": steps,
-        "plan": [_planned_json(path, step) for path, step in all_steps(run.mission.step)],
+        "plan": [_planned_json(path, step) for path, step in walk_paths(run.mission.step)],
     }
     return json.dumps(told | ({"reason": run.reason} if run.reason else {}), ensure_ascii=False).encode()
 

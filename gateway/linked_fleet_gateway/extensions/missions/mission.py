@@ -153,10 +153,3 @@ def step_at(root: Step, path: str) -> Step:
         number = part.partition("#")[0]
         step = children(step)[int(number)]
     return step
-
-
-def all_steps(root: Step, path: str = "0") -> Iterator[tuple[str, Step]]:
-    """Yield each step with its path without rounds, a step before those below it."""
-    yield path, root
-    for number, each in enumerate(children(root)):
-        yield from all_steps(each, f"{path}.{number}")

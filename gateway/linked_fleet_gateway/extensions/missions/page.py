@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import datetime
 from operator import itemgetter
 from pathlib import Path
@@ -104,7 +104,7 @@ class Question:
 
 
 def missions(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     more = {"missions": [facts.link(each) for each in members], "builder": _builder(facts)}
     return Part(more, {LDP.contains}, {*members})
 
@@ -164,11 +164,11 @@ def _word(facts: Facts, node: NamedNode | BlankNode) -> str:
 
 
 def _actions(facts: Facts, iri: NamedNode) -> list[Link]:
-    return [facts.link(each) for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
+    return [facts.link(each) for each in facts.nodes(iri, HYBRIT.action)]
 
 
 def runs(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     rows = sorted((_run(facts, each) for each in members), key=lambda row: str(row.when), reverse=True)
     return Part({"runs": rows}, {LDP.contains}, {*members})
 
@@ -219,8 +219,9 @@ def _not_begun(facts: Facts, iri: NamedNode, begun: Sequence[StepRunRow]) -> Ite
     above = {path.rpartition(".")[0] for path in planned}
     for path, node in planned.items():
         if path in above or path not in known:
-            row = StepRunRow(path, path.count("."), _word(facts, node), facts.text(node, DCTERMS.title))
-            yield _planned_place(facts, path, planned, path in above), replace(row, is_pending=path not in above)
+            title, is_heading = facts.text(node, DCTERMS.title), path in above
+            row = StepRunRow(path, path.count("."), _word(facts, node), title, is_pending=not is_heading)
+            yield _planned_place(facts, path, planned, is_heading), row
 
 
 def _planned_place(facts: Facts, path: str, planned: Mapping[str, BlankNode], is_heading: bool) -> _Place:
