@@ -48,7 +48,7 @@ class Entry:
 
 
 def audit(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     entries = [_entry(facts, each) for each in members]
     query = dict(parse_qsl(facts.text(iri, LF.filter)))
     older = facts.iri_of(iri, XHV.next)

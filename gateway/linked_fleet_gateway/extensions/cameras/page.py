@@ -37,7 +37,7 @@ class Seen:
 
 def cameras(facts: Facts, iri: NamedNode) -> Part:
     """Show what each camera sees; scripts fetch the pictures of those in view."""
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     robots = [facts.one(each, LF.ofRobot) for each in members]
     seen = [
         Seen(
@@ -47,7 +47,7 @@ def cameras(facts: Facts, iri: NamedNode) -> Part:
         )
         for each, robot in zip(members, robots, strict=True)
     ]
-    robot = next((each.value for each in facts.all(iri, RDFS.seeAlso) if isinstance(each, NamedNode)), "")
+    robot = next((each.value for each in facts.nodes(iri, RDFS.seeAlso)), "")
     title = say("Cameras of {robot}", robot=texts.place(robot, facts.root)) if robot else ""
     return Part({"cameras": seen, "all": facts.root + PATH[1:]}, {LDP.contains, RDFS.seeAlso}, {*members}, title)
 

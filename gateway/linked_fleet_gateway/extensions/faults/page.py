@@ -32,7 +32,7 @@ class FaultRow:
 
 
 def faults(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     ordered = sorted(members, key=lambda each: facts.text(each, LF.lastRaised), reverse=True)
     ordered.sort(key=lambda each: _rank(facts, each))
     rows = [_row(facts, each) for each in ordered]
@@ -81,7 +81,7 @@ def _row(facts: Facts, iri: NamedNode) -> FaultRow:
 
 
 def fault(facts: Facts, iri: NamedNode) -> Part:
-    actions = [facts.link(each) for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
+    actions = [facts.link(each) for each in facts.nodes(iri, HYBRIT.action)]
     nodes = [each for each in facts.all(iri, LF.valuesThen) if isinstance(each, BlankNode)]
     values = [(facts.text(each, DCTERMS.title), facts.text(each, VOM.numericalValue)) for each in nodes]
     around = timeline_link(facts, facts.text(iri, LF.since), facts.text(iri, LF.clearedAt))

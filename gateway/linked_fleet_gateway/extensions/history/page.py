@@ -37,7 +37,7 @@ class HistoryRow:
 
 
 def histories(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, DCTERMS.hasPart) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, DCTERMS.hasPart)
     robots = [facts.one(each, LF.ofRobot) for each in members]
     listed = [_listed(facts, *each) for each in zip(members, robots, strict=True)]
     presences = sorted({each.presence.state.name for each in listed if each.presence.state})
@@ -114,7 +114,7 @@ def history(facts: Facts, iri: NamedNode) -> Part:
 
 
 def _views(facts: Facts, iri: NamedNode) -> list[NamedNode]:
-    return [each for each in facts.all(iri, HYDRA.view) if isinstance(each, NamedNode)]
+    return facts.nodes(iri, HYDRA.view)
 
 
 def _parts(facts: Facts, iri: NamedNode) -> Iterator[PartHistory]:

@@ -39,7 +39,7 @@ def _row(facts: Facts, iri: NamedNode) -> Row:
 
 
 def latches(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     rows: Sequence[Row] = sorted((_row(facts, each) for each in members), key=lambda row: row.since, reverse=True)
     return Part({"latches": rows}, {LDP.contains}, {NamedNode(each.link.iri) for each in rows})
 

@@ -27,7 +27,7 @@ class Row:
 
 
 def _rows(facts: Facts, iri: NamedNode) -> Sequence[Row]:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     return sorted((_row(facts, each) for each in members), key=lambda row: row.written, reverse=True)
 
 
@@ -46,7 +46,7 @@ def _row(facts: Facts, iri: NamedNode) -> Row:
 def notes(facts: Facts, iri: NamedNode) -> Part:
     """Return the view of the container, or of the notes of a robot, about which the form writes another one."""
     rows = _rows(facts, iri)
-    above = [each.value for each in facts.all(iri, RDFS.seeAlso) if isinstance(each, NamedNode)]
+    above = [each.value for each in facts.nodes(iri, RDFS.seeAlso)]
     robot = next((each for each in above if each != facts.root and each.endswith("/")), "")
     more = {"notes": rows, "robot": robot, "container": f"{facts.root}notes"}
     return Part(more, {LDP.contains}, {NamedNode(each.link.iri) for each in rows})

@@ -102,7 +102,7 @@ class InvocationRow:
 
 
 def invocations(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     listed = [_done(facts, each) for each in members]
     states = sorted({each.state.name for each in listed if isinstance(each.state, State)})
     people = sorted({each.who for each in listed if each.who})
@@ -159,7 +159,7 @@ def is_subscriptions(facts: Facts, iri: NamedNode) -> bool:
 
 
 def subscriptions(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     more = {
         "watches": [_watch(facts, each) for each in members if each in facts.of],
         "unlisted": [facts.link(each) for each in members if each not in facts.of],

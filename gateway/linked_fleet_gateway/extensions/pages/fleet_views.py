@@ -237,7 +237,7 @@ _ALLOWED: Mapping[str, Sequence[str]] = {
 
 
 def fleet(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     choice = _choice(facts.query)
     robots = choice.sorted([_card(facts, each, choice.values) for each in members])
     more = {
@@ -275,7 +275,7 @@ def _choice(query: str) -> Choice:
 
 
 def _card(facts: Facts, iri: NamedNode, asked: Mapping[str, str]) -> RobotCard:
-    tasks = [each for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)]
+    tasks = facts.nodes(iri, LF.currentTask)
     moved = facts.values(iri, LF.lastMoved)
     found = RobotCard(
         facts.link(iri),

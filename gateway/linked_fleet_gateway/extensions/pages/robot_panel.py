@@ -41,7 +41,7 @@ class Panel:
 
 
 def panel(facts: Facts, iri: NamedNode) -> Panel:
-    actions = [each.value for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
+    actions = [each.value for each in facts.nodes(iri, HYBRIT.action)]
     return Panel(
         move=next((each for each in actions if each.endswith(_MOVE)), ""),
         reach=next((each for each in actions if each.endswith(_REACH)), ""),

@@ -101,7 +101,7 @@ def _plots(name: str, rows: Iterable[Row]) -> Iterator[Plot]:
 
 def cards(facts: Facts, iri: NamedNode) -> list[tuple[NamedNode, Card]]:
     """Return a thing's properties in the order of the description, named by their predicates, else by their IRIs."""
-    listed = [each for each in facts.all(iri, HYBRIT.property) if isinstance(each, NamedNode) and each in facts.of]
+    listed = [each for each in facts.nodes(iri, HYBRIT.property) if each in facts.of]
     names: dict[Term, NamedNode] = {}
     for predicate, values in facts.of.get(iri, {}).items():
         if predicate != HYBRIT.property:
@@ -139,7 +139,7 @@ PRESENCE = frozenset({LF.presence, LF.lastSeen, LF.fault})
 
 def actions(facts: Facts, iri: NamedNode) -> list[Link]:
     """Return links to the actions, named by the last segment in words."""
-    found = [each.value for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
+    found = [each.value for each in facts.nodes(iri, HYBRIT.action)]
     return [Link(texts.term_in_words(each), each, each) for each in found]
 
 
@@ -201,7 +201,7 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "placement": facts.iri_of(iri, LF.placement),
         "objects": constant("objects"),
         "model": _model(facts, iri),
-        "tasks": [facts.link(each) for each in facts.all(iri, LF.currentTask) if isinstance(each, NamedNode)],
+        "tasks": [facts.link(each) for each in facts.nodes(iri, LF.currentTask)],
         "panel": panel,
         "actions": robot_panel.other_actions(actions(facts, iri), panel),
         "poses": [_pose(facts, each) for each in facts.all(iri, LF.namedPose)],
@@ -218,8 +218,8 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         LF.namedPose,
         RDFS.comment,
     }
-    properties = {each for each in facts.all(iri, HYBRIT.property) if isinstance(each, NamedNode)}
-    kept = {each for each in facts.all(iri, LF.namedPose) if isinstance(each, NamedNode)}
+    properties = set(facts.nodes(iri, HYBRIT.property))
+    kept = set(facts.nodes(iri, LF.namedPose))
     return Part(more, shown | _leading(facts, iri), {*joints, *links, *others, *properties, *kept})
 
 
@@ -235,7 +235,7 @@ def unchecked_links(facts: Facts, iri: NamedNode) -> list[UncheckedLink]:
 
 def _parts(facts: Facts, iri: NamedNode) -> tuple[list[NamedNode], list[NamedNode], list[NamedNode]]:
     """Return joints, links and other parts."""
-    parts = [each for each in facts.all(iri, DCTERMS.hasPart) if isinstance(each, NamedNode)]
+    parts = facts.nodes(iri, DCTERMS.hasPart)
     links = [each for each in parts if facts.is_a(each, ROS.Link)]
     joints = [each for each in parts if facts.is_a(each, LF.Joint)]
     known = {*links, *joints}
@@ -386,7 +386,7 @@ _ANNOTATIONS = {
     NamedNode(_SCHEMA + "manufacturer"): message("Manufacturer"),
     NamedNode(_SCHEMA + "location"): message("Location"),
 }
-"""What people mostly say of robots, with the terms for it."""
+"""Terms for what people mostly say of robots, with their labels."""
 
 
 def joint_state(facts: Facts, iri: NamedNode) -> Part:

@@ -153,6 +153,10 @@ class Facts:
     def _said(self, subject: Subject, predicate: NamedNode) -> list[Term]:
         return self.of.get(subject, {}).get(predicate, [])
 
+    def nodes(self, subject: Term, *predicates: NamedNode) -> list[NamedNode]:
+        """Return the IRIs that are reached likewise."""
+        return [each for each in self.all(subject, *predicates) if isinstance(each, NamedNode)]
+
     def one(self, subject: Term, *predicates: NamedNode) -> Term | None:
         """Return the first term reached, or None."""
         return next(iter(self.all(subject, *predicates)), None)

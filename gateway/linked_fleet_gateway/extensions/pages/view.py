@@ -203,12 +203,12 @@ def _kind(facts: Facts, iri: NamedNode) -> tuple[str, Part, Sequence[str]]:
 
 
 def _links(facts: Facts, iri: NamedNode, predicate: NamedNode) -> list[Link]:
-    return [facts.link(each) for each in facts.all(iri, predicate) if isinstance(each, NamedNode)]
+    return [facts.link(each) for each in facts.nodes(iri, predicate)]
 
 
 def _blueprint(facts: Facts, iri: NamedNode) -> str:
     """Return the document of the blueprint, not the shape in it."""
-    own = [each.value for each in facts.all(iri, HYBRIT.blueprint) if isinstance(each, NamedNode)]
+    own = [each.value for each in facts.nodes(iri, HYBRIT.blueprint)]
     return next((each for each in own if each.startswith(facts.root)), "")
 
 

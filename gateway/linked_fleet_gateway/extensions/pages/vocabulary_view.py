@@ -56,10 +56,10 @@ def _section(facts: Facts, term: NamedNode) -> str:
 
 
 def _row(facts: Facts, term: NamedNode) -> TermRow:
-    parents = [each for each in facts.all(term, RDFS.subClassOf) if isinstance(each, NamedNode)]
+    parents = facts.nodes(term, RDFS.subClassOf)
     kinds = [
         *parents,
-        *(each for each in facts.all(term, RDF.type) if isinstance(each, NamedNode) and each not in _PLAIN),
+        *(each for each in facts.nodes(term, RDF.type) if each not in _PLAIN),
     ]
     return TermRow(
         term.value.removeprefix(LF.iri) if term.value.startswith(LF.iri) else "",

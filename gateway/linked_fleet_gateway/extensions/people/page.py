@@ -27,7 +27,7 @@ def people(facts: Facts, iri: NamedNode) -> Part:
         Person(
             facts.text(each, DCTERMS.title),
             facts.first_value(each, LF.hereSince),
-            [facts.placed_link(robot) for robot in facts.all(each, LF.controls) if isinstance(robot, NamedNode)],
+            [facts.placed_link(robot) for robot in facts.nodes(each, LF.controls)],
         )
         for each in nodes
     ]

@@ -54,7 +54,7 @@ class Position:
 
 
 def poses(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     nodes = [each for each in facts.all(iri, LF.jointGroup) if isinstance(each, BlankNode)]
     groups = [Group(facts.text(each, DCTERMS.title), [joint.value for joint in _joints(facts, each)]) for each in nodes]
     robot = facts.iri_of(iri, LF.ofRobot)
@@ -68,7 +68,7 @@ def poses(facts: Facts, iri: NamedNode) -> Part:
 
 
 def _joints(facts: Facts, node: BlankNode) -> list[NamedNode]:
-    return [each for each in facts.all(node, LF.ofJoint) if isinstance(each, NamedNode)]
+    return facts.nodes(node, LF.ofJoint)
 
 
 def _row(facts: Facts, iri: NamedNode) -> Row:

@@ -41,7 +41,7 @@ class Row:
 
 
 def queue(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     waiting = sorted(_rows(facts, members, LF.waiting), key=lambda row: (-row.priority, row.rank, str(row.created)))
     running = _rows(facts, members, LF.starting, LF.running)
     over = _rows(facts, members, LF.succeeded, LF.failed, LF.cancelled, LF.missed)
@@ -65,13 +65,13 @@ def _row(facts: Facts, iri: NamedNode) -> Row:
         facts.text(iri, LF.orderedBy),
         facts.first_value(iri, DCTERMS.created),
         facts.first_value(iri, PROV.endedAtTime),
-        [facts.link(each) for each in facts.all(iri, LF.reservedRobot) if isinstance(each, NamedNode)],
+        [facts.link(each) for each in facts.nodes(iri, LF.reservedRobot)],
         facts.link(run) if isinstance(run, NamedNode) else None,
     )
 
 
 def order(facts: Facts, iri: NamedNode) -> Part:
-    actions = [facts.link(each) for each in facts.all(iri, HYBRIT.action) if isinstance(each, NamedNode)]
+    actions = [facts.link(each) for each in facts.nodes(iri, HYBRIT.action)]
     more = {"order": _row(facts, iri), "actions": actions}
     return Part(more, {LF.state, LF.reason, LF.reservedRobot, LF.missionRun, HYBRIT.action})
 
@@ -96,7 +96,7 @@ class MissedRow:
 
 
 def schedules(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     rows = sorted((_schedule(facts, each) for each in members), key=lambda row: row.link.text)
     return Part({"schedules": rows}, {LDP.contains}, {*members})
 

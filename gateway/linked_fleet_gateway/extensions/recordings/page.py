@@ -34,13 +34,13 @@ class Row:
 
 
 def recordings(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     rows = [_row(facts, each) for each in reversed(members)]
     return Part({"rows": rows}, {LDP.contains, RDFS.seeAlso}, {*members})
 
 
 def recording(facts: Facts, iri: NamedNode) -> Part:
-    robots = [facts.place_link(each) for each in facts.all(iri, RDFS.seeAlso) if isinstance(each, NamedNode)]
+    robots = [facts.place_link(each) for each in facts.nodes(iri, RDFS.seeAlso)]
     return Part({"row": _row(facts, iri), "robots": robots}, _SHOWN | {RDFS.seeAlso})
 
 

@@ -120,8 +120,8 @@ class RuleRow:
 
 
 def rules(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
-    firings = [each for member in members for each in facts.all(member, LF.lastFiring) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
+    firings = [each for member in members for each in facts.nodes(member, LF.lastFiring)]
     first = EXAMPLES[0]
     values = {
         DCTERMS.title: translated(first.title),
@@ -180,7 +180,7 @@ def _with(field: Leaf | Group, values: Mapping[NamedNode, str]) -> Leaf | Group:
 
 
 def firings(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     return Part({"fired": [_fired(facts, each) for each in members]}, {LDP.contains}, set(members))
 
 

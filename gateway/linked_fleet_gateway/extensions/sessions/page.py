@@ -20,7 +20,7 @@ class Row:
 
 
 def invitations(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     rows = [
         Row(
             facts.link(each), facts.text(each, LF.invitedBy), facts.first_value(each, DCTERMS.created),

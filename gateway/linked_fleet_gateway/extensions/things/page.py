@@ -25,7 +25,7 @@ class ListedThing:
 
 
 def directory(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     things = [_thing(facts, each) for each in members]
     choices = [
         ("kind", say("Kind"), sorted({each.kind for each in things})),

@@ -121,9 +121,9 @@ class Row:
 def timeline(facts: Facts, iri: NamedNode) -> Part:
     window, now_s = _window(facts, iri), _seconds(facts, iri, LF.asOf)
     scale = Scale(window.from_ns / SECOND_NS, window.until_ns / SECOND_NS)
-    nodes = [each for each in facts.all(iri, LF.activity) if isinstance(each, NamedNode)]
+    nodes = facts.nodes(iri, LF.activity)
     entries = [_entry(facts, each, now_s) for each in nodes]
-    robots = [each for each in facts.all(iri, LF.shownRobot) if isinstance(each, NamedNode)]
+    robots = facts.nodes(iri, LF.shownRobot)
     address = facts.root.rstrip("/") + PATH
     more = {
         "width": WIDTH,
@@ -186,7 +186,7 @@ def _entry(facts: Facts, node: NamedNode, now_s: float) -> Entry:
         look,
         _COLOURS[look],
         facts.text(agent, DCTERMS.title) if agent is not None else "",
-        [facts.place_link(each) for each in facts.all(node, LF.ofRobot) if isinstance(each, NamedNode)],
+        [facts.place_link(each) for each in facts.nodes(node, LF.ofRobot)],
         next((found for each in begins if (found := facts.first_value(node, each))), None),
         facts.first_value(node, PROV.endedAtTime),
         begin_s,

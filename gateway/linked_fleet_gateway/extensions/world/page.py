@@ -50,7 +50,7 @@ class PlacedRobot:
 
 
 def world(facts: Facts, iri: NamedNode) -> Part:
-    robots = [each for each in facts.all(iri, DCTERMS.hasPart) if isinstance(each, NamedNode)]
+    robots = facts.nodes(iri, DCTERMS.hasPart)
     placements = {each: facts.one(each, LF.placement) for each in robots}
     standing = [_standing(facts, each, placements[each]) for each in robots]
     more = {
@@ -88,12 +88,12 @@ class RefusedMotion:
 
 def collisions(facts: Facts, iri: NamedNode) -> Part:
     nodes = [each for each in facts.all(iri, LF.collision) if isinstance(each, BlankNode)]
-    things = {each for node in nodes for each in facts.all(node, LF.meets) if isinstance(each, NamedNode)}
+    things = {each for node in nodes for each in facts.nodes(node, LF.meets)}
     return Part({"refused": [_refused(facts, each) for each in nodes]}, {LF.collision}, {*nodes, *things})
 
 
 def _refused(facts: Facts, node: BlankNode) -> RefusedMotion:
-    met = [each for each in facts.all(node, LF.meets) if isinstance(each, NamedNode)]
+    met = facts.nodes(node, LF.meets)
     when = facts.values(node, DCTERMS.created)
     links = [Link(facts.text(each, RDFS.label), each.value, each.value) for each in met]
     return RefusedMotion(when[0] if when else None, facts.text(node, LF.reason), links)
@@ -113,7 +113,7 @@ class ObjectRow:
 
 
 def container(facts: Facts, iri: NamedNode) -> Part:
-    members = [each for each in facts.all(iri, LDP.contains) if isinstance(each, NamedNode)]
+    members = facts.nodes(iri, LDP.contains)
     listed = [_listed(facts, each) for each in members]
     more = {"listed": listed, "count": len(members), "form": _form(iri.value, "POST", say("add"), *_example())}
     return Part(more, {LDP.contains, LDP.constrainedBy, RDFS.seeAlso}, set(members))
@@ -125,7 +125,7 @@ def thing(facts: Facts, iri: NamedNode) -> Part:
 
 def _listed(facts: Facts, iri: NamedNode) -> ObjectRow:
     kinds = [each for each in _KINDS if facts.is_a(iri, each)]
-    forms = [each for each in facts.all(iri, LF.geometry, RDF.type) if isinstance(each, NamedNode)]
+    forms = facts.nodes(iri, LF.geometry, RDF.type)
     positions = facts.values(iri, LF.position)
     return ObjectRow(
         facts.link(iri),
