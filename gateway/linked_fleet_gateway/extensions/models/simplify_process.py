@@ -12,14 +12,11 @@ from importlib import import_module
 
 import msgspec
 
-from linked_fleet_gateway.base.answering import answer_questions
-from linked_fleet_gateway.base.errors import LibraryMissing
+from linked_fleet_gateway.base.answering import answer_questions, load_answers
 from linked_fleet_gateway.extensions.models.simplify_messages import Simplify, SimplifyAnswer, SimplifyFailed
 
 MAX_MEMORY_BYTES = 4 * 2**30
 _NICENESS = 10  # motions and requests come first
-
-log = logging.getLogger(__name__)
 
 
 def main() -> None:
@@ -31,15 +28,17 @@ def main() -> None:
 
 def _answering() -> Callable[[Simplify], SimplifyAnswer]:
     """Return the function that answers questions. If a library cannot be loaded, each answer is the reason."""
-    try:
+
+    def load() -> Callable[[Simplify], SimplifyAnswer]:
         simplify: Callable[[Simplify], SimplifyAnswer] = import_module(
             "linked_fleet_gateway.extensions.models.simplify"
         ).simplify
-    except ImportError as error:
-        missing = LibraryMissing.for_module("trimesh, pycollada or fast-simplification", error).detail.rstrip(".")
-        log.error("no mesh can be simplified: %s", missing)
+        return simplify
+
+    def failed(missing: str) -> Callable[[Simplify], SimplifyAnswer]:
         return lambda question: SimplifyFailed(missing)
-    return simplify
+
+    return load_answers(load, "trimesh, pycollada or fast-simplification", failed, "no mesh can be simplified")
 
 
 if __name__ == "__main__":

@@ -7,8 +7,7 @@ from importlib import import_module
 
 import msgspec
 
-from linked_fleet_gateway.base.answering import answer_questions
-from linked_fleet_gateway.base.errors import LibraryMissing
+from linked_fleet_gateway.base.answering import answer_questions, load_answers
 from linked_fleet_gateway.extensions.navigation.messages import Answer, PlanFailed, PlanWay
 
 MAX_MEMORY_BYTES = 2 * 2**30
@@ -24,12 +23,15 @@ def main() -> None:
 
 def answers() -> Callable[[PlanWay], Answer]:
     """Return the function that plans ways. If a library cannot be loaded, each answer is the reason."""
-    try:
+
+    def load() -> Callable[[PlanWay], Answer]:
         plan: Callable[[PlanWay], Answer] = import_module("linked_fleet_gateway.extensions.navigation.planner").plan
-    except ImportError as error:
-        missing = LibraryMissing.for_module("numpy", error).detail.rstrip(".")
-        log.error("no way can be planned: %s", missing)
+        return plan
+
+    def failed(missing: str) -> Callable[[PlanWay], Answer]:
         return lambda asked: PlanFailed(missing)
+
+    plan = load_answers(load, "numpy", failed, "no way can be planned")
 
     def answer(asked: PlanWay) -> Answer:
         try:

@@ -14,14 +14,11 @@ from pathlib import Path
 
 import msgspec
 
-from linked_fleet_gateway.base.answering import answer_questions
-from linked_fleet_gateway.base.errors import LibraryMissing
+from linked_fleet_gateway.base.answering import answer_questions, load_answers
 from linked_fleet_gateway.extensions.planning.messages import PlanAnswer, PlanFailed, PlanQuestion
 from linked_fleet_gateway.extensions.world.messages import Answer, CheckFailed, Question
 
 MAX_MEMORY_BYTES = 4 * 2**30
-
-log = logging.getLogger(__name__)
 
 
 def main() -> None:
@@ -46,14 +43,17 @@ def _keep_libraries_quiet() -> None:
 
 def answers(folder: Path | None) -> "Callable[[Question | PlanQuestion], Answer | PlanAnswer]":
     """Return the function that answers questions. If a library cannot be loaded, each answer is the reason."""
-    try:
-        worker = import_module("linked_fleet_gateway.extensions.planning.worker").PlanningWorker.caching_in(folder)
-    except ImportError as error:
-        missing = LibraryMissing.for_module("pinocchio, coal or roboplan", error).detail.rstrip(".")
-        log.error("no motion can be planned: %s", missing)
+
+    def load() -> "Callable[[Question | PlanQuestion], Answer | PlanAnswer]":
+        answer: Callable[[Question | PlanQuestion], Answer | PlanAnswer] = (
+            import_module("linked_fleet_gateway.extensions.planning.worker").PlanningWorker.caching_in(folder).reply
+        )
+        return answer
+
+    def failed(missing: str) -> "Callable[[Question | PlanQuestion], Answer | PlanAnswer]":
         return lambda asked: PlanFailed(missing) if isinstance(asked, PlanQuestion) else CheckFailed(missing)
-    answer: Callable[[Question | PlanQuestion], Answer | PlanAnswer] = worker.reply
-    return answer
+
+    return load_answers(load, "pinocchio, coal or roboplan", failed, "no motion can be planned")
 
 
 if __name__ == "__main__":

@@ -13,13 +13,10 @@ from pathlib import Path
 
 import msgspec
 
-from linked_fleet_gateway.base.answering import answer_questions
-from linked_fleet_gateway.base.errors import LibraryMissing
+from linked_fleet_gateway.base.answering import answer_questions, load_answers
 from linked_fleet_gateway.extensions.world.messages import Answer, CheckFailed, Question
 
 MAX_MEMORY_BYTES = 4 * 2**30
-
-log = logging.getLogger(__name__)
 
 
 def main() -> None:
@@ -30,15 +27,17 @@ def main() -> None:
 
 def answers(folder: Path | None) -> Callable[[Question], Answer]:
     """Return the function that answers questions. If a library cannot be loaded, each answer is the reason."""
-    try:
-        # Not at the top of the module, so that the process outlives an ImportError and can report it.
-        worker = import_module("linked_fleet_gateway.extensions.world.worker").Worker.caching_in(folder)
-    except ImportError as error:
-        missing = LibraryMissing.for_module("pinocchio or coal", error).detail.rstrip(".")
-        log.error("no motion of a placed robot can be checked: %s", missing)
+
+    def load() -> Callable[[Question], Answer]:
+        answer: Callable[[Question], Answer] = (
+            import_module("linked_fleet_gateway.extensions.world.worker").Worker.caching_in(folder).answer
+        )
+        return answer
+
+    def failed(missing: str) -> Callable[[Question], Answer]:
         return lambda question: CheckFailed(missing)
-    answer: Callable[[Question], Answer] = worker.answer
-    return answer
+
+    return load_answers(load, "pinocchio or coal", failed, "no motion of a placed robot can be checked")
 
 
 if __name__ == "__main__":
