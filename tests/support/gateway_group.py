@@ -12,8 +12,9 @@ from browser import HYBRIT, LF, ROS, Browser, Page
 from fake_robots import FakeRobot, open_session, real_session
 from graphs import read
 from receivers import CallbackReceiver, Seen
+from redis_servers import Servers, single
 from running import Process, eventually, free_port, process
-from small_fleet import presence
+from small_fleet import live, presence
 from subscribers import angle_in, members
 from virtual.loop import current
 
@@ -151,6 +152,17 @@ def gateway(
         one = Gateway(running, browser)
         one.meet(hub)
         yield one
+
+
+@contextlib.contextmanager
+def two_with_an_arm(folder: Path) -> Iterator[tuple[Servers, Gateway, Gateway]]:
+    """Run a store in the folder, and two gateways that share it and see the robot ``ur5``."""
+    with single(folder) as memory, hub() as centre, contextlib.ExitStack() as stack:
+        stack.enter_context(process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", centre.endpoint))
+        one, other = stack.enter_context(gateways(centre, memory.url))
+        for each in (one, other):
+            live(each.browser, "ur5")
+        yield memory, one, other
 
 
 @contextlib.contextmanager

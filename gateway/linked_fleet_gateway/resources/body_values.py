@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import chain
+from urllib.parse import urlsplit
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
@@ -51,6 +52,19 @@ class Body:
 
     def node(self, subject: Node, predicate: NamedNode) -> Node | None:
         return next(iter(self.nodes(subject, predicate)), None)
+
+    def address(self, subject: Node, predicate: NamedNode) -> tuple[str, str]:
+        """Return an IRI in two parts: scheme and authority, and the path. The latter is empty if it is no such IRI.
+
+        Only the gateway knows if the former is its own.
+        """
+        node = self.node(subject, predicate)
+        iri = node.value if isinstance(node, NamedNode) else ""
+        try:
+            path = urlsplit(iri).path
+        except ValueError:
+            path = ""
+        return (iri.removesuffix(path), path) if iri.endswith(path) else (iri, "")
 
     def text(self, subject: Node, predicate: NamedNode) -> str | None:
         found = self._values.get((subject, predicate), ())

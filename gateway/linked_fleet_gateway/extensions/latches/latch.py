@@ -1,7 +1,6 @@
 """The record of a stop latch, and its statements."""
 
 from collections.abc import Mapping
-from urllib.parse import urlsplit
 
 from msgspec import Struct
 
@@ -11,7 +10,6 @@ from linked_fleet_gateway.api import (
     Graph,
     Literal,
     Member,
-    NamedNode,
     Robot,
     UnprocessableContent,
     robot_of,
@@ -45,16 +43,11 @@ class Latch(Struct, frozen=True, omit_defaults=True):
 
 def read_latch(robots: Mapping[str, Robot], body: Body) -> Latch:
     """Return what a body says. Raises UnprocessableContent."""
-    node = body.node(body.root, LF.latchAbout)
-    iri = node.value if isinstance(node, NamedNode) else ""
-    try:
-        path = urlsplit(iri).path
-    except ValueError:
-        path = ""
+    base, path = body.address(body.root, LF.latchAbout)
     name = FLEET if path == "/" else robot_of(path)
     if name is None or (path != "/" and (name not in robots or path != robot_path(name))):
-        raise nothing_there(iri)
-    return Latch(name, (body.text(body.root, LF.reason) or "").strip(), base=iri.removesuffix(path))
+        raise nothing_there(base + path)
+    return Latch(name, (body.text(body.root, LF.reason) or "").strip(), base=base)
 
 
 def nothing_there(iri: str) -> UnprocessableContent:

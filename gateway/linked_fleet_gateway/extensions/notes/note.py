@@ -1,7 +1,5 @@
 """The record of a note, and its statements."""
 
-from urllib.parse import urlsplit
-
 from msgspec import Struct
 
 from linked_fleet_gateway.api import (
@@ -10,7 +8,6 @@ from linked_fleet_gateway.api import (
     Graph,
     Literal,
     Member,
-    NamedNode,
     UnprocessableContent,
     timestamp,
 )
@@ -47,17 +44,12 @@ def read_note(body: Body) -> Note:
     text = (body.text(body.root, LF.noteText) or "").strip()
     if not text or not all(each.isprintable() or each in "\n\t" for each in text):
         raise UnprocessableContent("A note has a text of visible characters and line breaks.")
-    node = body.node(body.root, LF.noteAbout)
-    iri = node.value if isinstance(node, NamedNode) else ""
-    try:
-        path = urlsplit(iri).path
-    except ValueError:
-        path = ""
-    if not path or not iri.endswith(path):
+    base, path = body.address(body.root, LF.noteAbout)
+    if not path:
         raise UnprocessableContent(
-            f"about is the address of a robot, of a part of one, or of a fault, not {iri[:100]!r}."
+            f"about is the address of a robot, of a part of one, or of a fault, not {base[:100]!r}."
         )
-    return Note(path, text, base=iri.removesuffix(path))
+    return Note(path, text, base=base)
 
 
 def describe_note(graph: Graph, member: Member[Note]) -> None:

@@ -1,7 +1,6 @@
 """Stops that hold: who may latch and reset, what is refused meanwhile, and that gateways share them."""
 
 import asyncio
-import contextlib
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,16 +12,16 @@ import pytest
 from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
 from browser import LDP, LF, Browser
 from fake_robots import FakeRobot, open_session
-from gateway_group import Gateway, gateways, hub
+from gateway_group import Gateway, two_with_an_arm
 from linked_fleet_gateway.api import Core, Invocation, Motion, Table
 from linked_fleet_gateway.extensions.latches.extension import Latches, LatchesUnknown, _Guard, _heard
 from linked_fleet_gateway.extensions.latches.latch import Latch
 from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.identity.rights import ALL as ALL_ROBOTS
 from parallel import at_once
-from redis_servers import Servers, single
-from running import eventually, process
-from small_fleet import Place, live
+from redis_servers import Servers
+from running import eventually
+from small_fleet import Place
 
 pytestmark = pytest.mark.virtual
 S = 1_000_000_000
@@ -121,12 +120,8 @@ def test_a_change_keeps_who_stopped_and_what(here: AuthenticatedGateway) -> None
 
 @pytest.fixture
 def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Servers, Gateway, Gateway]]:
-    with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre, contextlib.ExitStack() as stack:
-        stack.enter_context(process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", centre.endpoint))
-        one, other = stack.enter_context(gateways(centre, memory.url))
-        for each in (one, other):
-            live(each.browser, "ur5")
-        yield memory, one, other
+    with two_with_an_arm(tmp_path_factory.mktemp("redis")) as found:
+        yield found
 
 
 def test_gateways_share_latches_and_known_ones_hold_while_redis_is_away(

@@ -1,6 +1,5 @@
 """Notes are kept with who has written them and when, are shared by gateways, and hidden as their robots are."""
 
-import contextlib
 from collections.abc import Iterator
 
 import httpx
@@ -9,11 +8,10 @@ from rdflib import Literal, URIRef
 
 from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
 from browser import DCTERMS, LDP, LF, Browser
-from gateway_group import Gateway, gateways, hub
+from gateway_group import Gateway, two_with_an_arm
 from linked_fleet_gateway.extensions.notes import extension
-from redis_servers import Servers, single
-from running import eventually, process
-from small_fleet import live
+from redis_servers import Servers
+from running import eventually
 
 pytestmark = pytest.mark.virtual
 JSON = {"accept": "application/json"}
@@ -117,12 +115,8 @@ def test_a_fault_has_notes(here: AuthenticatedGateway) -> None:
 
 @pytest.fixture
 def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Servers, Gateway, Gateway]]:
-    with single(tmp_path_factory.mktemp("redis")) as memory, hub() as centre, contextlib.ExitStack() as stack:
-        stack.enter_context(process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", centre.endpoint))
-        one, other = stack.enter_context(gateways(centre, memory.url))
-        for each in (one, other):
-            live(each.browser, "ur5")
-        yield memory, one, other
+    with two_with_an_arm(tmp_path_factory.mktemp("redis")) as found:
+        yield found
 
 
 def test_gateways_share_notes_and_refuse_them_while_redis_is_away(two: tuple[Servers, Gateway, Gateway]) -> None:
