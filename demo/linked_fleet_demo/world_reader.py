@@ -1,4 +1,4 @@
-"""What the world of a fleet has, read by HTTP: where robots stand, and its objects. Metre."""
+"""Reads the world of a fleet by HTTP: where robots stand, and its objects. Metre."""
 
 import json
 import urllib.error

@@ -103,7 +103,7 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True)
 class _Owner:
-    """What a shape belongs to: a link of a robot, or an object, which a robot may hold."""
+    """The owner of a shape: a link of a robot, or an object, which a robot may hold."""
 
     robot: str
     link: str = ""

@@ -21,7 +21,7 @@ _CDR_ROOM = 16
 
 
 class NewDescriptions:
-    """What came on the topic of descriptions since the robot was found with its ``own`` one."""
+    """The descriptions that came on their topic since the robot was found with its ``own`` one."""
 
     def __init__(self, name: str, own: Facts, box: Mailbox) -> None:
         self._name, self._own, self._box = name, own, box

@@ -33,7 +33,7 @@ _TYPES = sorted(COMMON_TYPES, key=str)
 _OF_NUMBERS = (
     *("type", "unit", "enum", "const", "default", "minimum", "maximum", "exclusive_minimum", "exclusive_maximum"),
 )
-"""What of a schema decides the shape of a number."""
+"""The members of a schema that decide the shape of a number."""
 _BOOLEANS: Mapping[bool, tuple[str, str]] = {True: ("true", "1"), False: ("false", "0")}
 
 

@@ -64,7 +64,7 @@ from linked_fleet_gateway.serving import Rendition
 
 SEGMENT = "history"
 _SPACED = 5_000
-"""Samples of which a page with ``every`` has some."""
+"""Samples from which those of a page with ``every`` are chosen."""
 _SHORT, _SHORT_OF_VECTORS = 256, 16
 """Samples of a page that are read at once; a pose is computed from the positions of all joints above."""
 

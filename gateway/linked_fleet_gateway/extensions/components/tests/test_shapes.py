@@ -62,7 +62,7 @@ def pyshacl_accepts(shape: list[Triple], body: list[Triple], focus: Node = FOCUS
 
 
 def json_schema_accepts(schema: Schema, value: Any) -> bool:
-    """As another implementation validates, whose objects have no further members, and its numbers the largest range."""
+    """Validate as another implementation does, whose objects have no further members, and numbers the largest range."""
     return bool(Draft202012Validator(closed(msgspec.to_builtins(schema))).is_valid(value))
 
 

@@ -16,12 +16,14 @@ const CREATED = "http://purl.org/dc/terms/created";
 const ENDED = "http://www.w3.org/ns/prov#endedAtTime";
 const SUCCEEDED = lf("succeeded");
 const FORBIDDEN = 403;
-const CREATED_STATUS = 201;
+const HTTP_CREATED = 201;
 const ASK_MS = 500;
 const MOST_ASKED = 20;
 
 /** @typedef {{iri: string, about: string, by: string, since: string}} Latch */
 let root = "";
+/** The IRI of the fleet. */
+let fleet = "";
 let isLive = false;
 /** @type {HTMLElement|undefined} */
 let bar;
@@ -33,6 +35,7 @@ let latches = [];
 export function start() {
   root = document.body.dataset.root ?? "";
   if (!root) return;
+  fleet = new URL(root, document.baseURI).href;
   const list = `${root}stopLatches`;
   const may = document.body.dataset.may?.split(" ");
   isLive = !may || may.includes("subscribe");
@@ -45,7 +48,7 @@ export function start() {
     const { action, invocation, isConfirmed } = told(event);
     const status = await latching;
     // What has begun between a stop and its latch is stopped too. While a stop is not confirmed, nothing begins.
-    if (isConfirmed && status === CREATED_STATUS) fetch(action, { method: "POST", keepalive: true, cache: "no-store" }).catch(() => {});
+    if (isConfirmed && status === HTTP_CREATED) fetch(action, { method: "POST", keepalive: true, cache: "no-store" }).catch(() => {});
     const answers = invocation ? await follow(stoppedBy(action), invocation) : [];
     if (status === FORBIDDEN) for (const { iri } of answers) await latch(list, iri); // not the fleet, but these robots
     if (!isLive) read(list);
@@ -67,7 +70,7 @@ async function latch(/** @type {string} */ list, /** @type {string} */ about) {
   try {
     const headers = { "Content-Type": "application/json" };
     const response = await fetch(list, { method: "POST", headers, body: JSON.stringify({ about }), keepalive: true, cache: "no-store" });
-    if (!response.ok && (response.status !== FORBIDDEN || about !== new URL(root, document.baseURI).href)) {
+    if (!response.ok && (response.status !== FORBIDDEN || about !== fleet)) {
       const { title = String(response.status), detail = "" } = await response.json().catch(() => ({}));
       notice(say("The stop does not hold, so that robots may move again: {title}. {detail}", { title, detail }));
     }
@@ -114,8 +117,8 @@ async function described(/** @type {string} */ iri) {
 /** @returns {Answer} */
 function answerIn(graph, answer) {
   const word = graph.value(answer, lf("reason"))?.value ?? "";
-  const iri = graph.value(answer, lf("ofRobot"))?.value ?? root;
-  return { iri, robot: decodeURIComponent(new URL(iri, document.baseURI).pathname.split("/").at(-2) ?? ""), stands: word === "succeeded", word };
+  const iri = graph.value(answer, lf("ofRobot"))?.value ?? fleet;
+  return { iri, robot: robotOf(iri), stands: word === "succeeded", word };
 }
 
 /** @param {Answer[]} robots */
@@ -165,12 +168,16 @@ function show() {
 /** The page of a robot tells of that robot and of the fleet, every other page of all. */
 function concerns(/** @type {Latch} */ { about }) {
   const robot = document.body.dataset.kind === "robot" ? document.body.dataset.resource : undefined;
-  return !robot || about === new URL(root, document.baseURI).href || about === robot;
+  return !robot || about === fleet || about === robot;
 }
 
 function nameOf(/** @type {Latch} */ { about }) {
-  const robot = decodeURIComponent(new URL(about).pathname.split("/").at(-2) ?? "");
-  return about === new URL(root, document.baseURI).href ? say("The stop of all robots") : say("The stop of {robot}", { robot });
+  return about === fleet ? say("The stop of all robots") : say("The stop of {robot}", { robot: robotOf(about) });
+}
+
+/** @returns {string} the name of the robot with an IRI */
+function robotOf(/** @type {string} */ iri) {
+  return decodeURIComponent(new URL(iri).pathname.split("/").at(-2) ?? "");
 }
 
 function line(/** @type {Latch} */ latch) {
