@@ -121,7 +121,7 @@ def test_without_any_server_a_gateway_starts_and_stops_robots(scene: Scene, tmp_
     with scene.gateway(state) as (browser, lines):
         assert any("ERROR" in line and "--state-dir" in line for line in lines)
         refused = put(browser, of_joint(browser, WRIST), slowly(_TURN))
-        assert (problem(refused), refused.headers["retry-after"]) == ((503, "redis-unavailable"), "2")
+        assert (problem(refused), refused.headers["retry-after"]) == ((503, "not-read-yet"), "2")
         begun(post(browser, of_robot(browser, LF.StopRobot)))
         begun(post(browser, f"{browser.root}actions/stopAll"))
         said = browser.http.get(browser.root + "health/ready")

@@ -7,11 +7,12 @@ from typing import Protocol
 from pyoxigraph import NamedNode
 
 from linked_fleet_gateway.actions.plan import Caller, Motion, slowed
-from linked_fleet_gateway.base.errors import Busy, MotionRefused
+from linked_fleet_gateway.base.errors import Busy, MotionRefused, NotReadYet
 from linked_fleet_gateway.fleet.kept_plan import KeptPlan
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
 from linked_fleet_gateway.identity.rights import View
+from linked_fleet_gateway.runtime.replica import Copies
 
 
 class MotionGuard(Protocol):
@@ -64,9 +65,13 @@ class MotionPlanner(Protocol):
 
 
 class Guards:
-    """The guards of a gateway, and the planner of paths if it has one."""
+    """The guards of a gateway, and the planner of paths if it has one.
 
-    def __init__(self) -> None:
+    Without one of the copies that they need they refuse every motion.
+    """
+
+    def __init__(self, copies: Copies) -> None:
+        self._copies = copies
         self._guards: list[MotionGuard] = []
         self.planner: MotionPlanner | None = None
 
@@ -82,6 +87,7 @@ class Guards:
 
     async def wait_until_ready(self, robot: Robot, visible_robots: View) -> None:
         """Wait until motions of a robot can be checked. Raises MotionRefused, Busy."""
+        self._check_copies()
         for guard in self._guards:
             await guard.wait_until_ready(robot, visible_robots)
 
@@ -118,11 +124,17 @@ class Guards:
 
     async def findings(self, motion: Motion, caller: Caller, own: str) -> dict[NamedNode, Finding]:
         """Return the finding of each guard about what moves. Raises MotionRefused."""
+        if motion.moves:
+            self._check_copies()
         return {
             guard.finding_predicate: await guard.check_path(motion, caller.visible_robots, own)
             for guard in self._guards
             if motion.moves
         }
+
+    def _check_copies(self) -> None:
+        if missed := self._copies.missed_by_motions():
+            raise NotReadYet(f"This gateway has not read yet what motions are judged by: {missed}. Ask again.")
 
 
 def limited(motion: Motion, findings: Mapping[NamedNode, Finding]) -> tuple[Motion, str]:

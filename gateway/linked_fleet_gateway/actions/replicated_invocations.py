@@ -21,7 +21,7 @@ from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import lease_path
 from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.runtime.redis import GATHER_S
-from linked_fleet_gateway.runtime.replica import Replica, follow_changes
+from linked_fleet_gateway.runtime.replica import Loading, Replica, follow_changes
 from linked_fleet_gateway.subscriptions.live import Live
 
 log = logging.getLogger(__name__)
@@ -36,7 +36,7 @@ _MAX_FORGOTTEN = 1000  # deletions remembered, because older reads may still arr
 StopMotion = Callable[[Invocation, str], Awaitable[object]]
 
 
-class ReplicatedInvocations:
+class ReplicatedInvocations(Loading):
     """The local copy, which all reads use; an async context manager."""
 
     def __init__(
@@ -57,6 +57,7 @@ class ReplicatedInvocations:
         self._forgotten: dict[str, None] = {}  # oldest first
         self._dropped = False
         self._settings = Replica(store.read_all_settings, store.read_settings, self._configure)
+        live.copies.add("stops, motions, settings and placements", self, needed_by_motions=True)
         self._ends_s: dict[str, float] = {}  # monotonic ends of leases by robot, as last known
         self._fetching: set[asyncio.Task[None]] = set()
         self._stopping: dict[str, asyncio.Task[None]] = {}
@@ -309,12 +310,13 @@ class ReplicatedInvocations:
     # -- tasks ------------------------------------------------------------------------------------------------------
 
     async def _load(self) -> None:
-        await self.stops.load()
-        for invocation in await self._store.load_invocations():
-            self._put(invocation)
-        await self._settings.load()
-        for robot in {*self._live.fleet.robots, *self._live.fleet.leases}:
-            await self._look_at(robot)
+        with self.loading():
+            await self.stops.load()
+            for invocation in await self._store.load_invocations():
+                self._put(invocation)
+            await self._settings.load()
+            for robot in {*self._live.fleet.robots, *self._live.fleet.leases}:
+                await self._look_at(robot)
 
     async def _hear(self, news: News) -> None:
         if news.kind == "invocation":

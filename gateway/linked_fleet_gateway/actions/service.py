@@ -58,7 +58,7 @@ class Actions:
 
     def __init__(self, live: Live, store: ActionStore, max_motions: int) -> None:
         self._live, self._store = live, store
-        self.guards = Guards()
+        self.guards = Guards(live.copies)
         self.handlers: dict[NamedNode, Handler] = dict(HANDLERS)
         """The handler of each kind of action."""
         self.lifecycle = Lifecycle(live, store)

@@ -178,7 +178,7 @@ def create_app(settings: GatewaySettings, tracing: Tracing | None = None, open_s
                 representations=create_representations(mounts), registry=create_registry(numbers),
                 schemes=[each.scheme for each in mounts if each.scheme is not None],
                 subprotocols={name: value for each in mounts for name, value in each.subprotocols.items()},
-                not_ready=[each.not_ready for each in mounts],
+                not_ready=[live.copies.awaited, *(each.not_ready for each in mounts)],
             )  # fmt: skip
             for forget in (app.services.response_cache.forget_robot, app.services.representations.forget_robot):
                 live.on_removed[forget] = None

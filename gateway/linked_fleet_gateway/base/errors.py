@@ -13,6 +13,7 @@
     │   ├── Controlled              409     controlled
     │   └── ContainerFull           409     conflict
     ├── MotionRefused               409     motion-refused
+    │   ├── NotReadYet              503     not-read-yet
     │   └── StopOwed                503     stop-owed
     ├── PreconditionFailed          412     precondition-failed
     ├── PayloadTooLarge             413     payload-too-large
@@ -204,6 +205,13 @@ class MotionRefused(FleetError):
         """Return the guard error with this code, or None."""
         below = (each.type_for_code(code) for each in cls.__subclasses__())
         return cls if cls.code == code else next((each for each in below if each is not None), None)
+
+
+class NotReadYet(MotionRefused):
+    """A gateway that has just begun, or whose data in Redis are damaged, does not know what motions are judged by."""
+
+    status, code, title = 503, "not-read-yet", "What motions are judged by is not known yet"
+    retry_after_s = 2
 
 
 class StopOwed(MotionRefused):

@@ -46,6 +46,7 @@ from linked_fleet_gateway.resources.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.runtime.replica import Copy
 from linked_fleet_gateway.runtime.table import MAX_RECORDS, StoredRecords, Table
 from linked_fleet_gateway.subscriptions.live import Live, name_of
 
@@ -331,7 +332,9 @@ class Core:
         """
         stored = StoredRecords(self.redis_url, self.namespace, self.extension, name, most)
         decode = msgspec.json.Decoder(record).decode
-        return Table(stored, f"{self.extension} {name}", msgspec.json.encode, decode, on_change, self.live.faults)
+        table = Table(stored, f"{self.extension} {name}", msgspec.json.encode, decode, on_change, self.live.faults)
+        self.add_copy(table.noun, table)
+        return table
 
     @asynccontextmanager
     async def open_container(
@@ -350,6 +353,14 @@ class Core:
         container = make(table)
         async with table:
             yield container
+
+    def add_copy(self, noun: str, copy: Copy) -> None:
+        """Let the gateway get ready once a copy of what gateways share is read, as ``table`` does for its records.
+
+        If the extension guards motions, they are refused before. ``noun`` is a plural.
+        """
+        guards = any(each.guards_motions for each in self.extensions if each.name == self.extension)
+        self.live.copies.add(noun, copy, needed_by_motions=guards)
 
     def section(self, kind: type[SectionT]) -> SectionT:
         """Return the settings of this type, which the extension names in ``settings``. Raises LookupError."""

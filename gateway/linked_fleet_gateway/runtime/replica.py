@@ -1,10 +1,10 @@
 """State that gateways share through Redis, as a local copy that stays readable during outages."""
 
 import asyncio
-from collections.abc import AsyncGenerator, Awaitable, Callable, Mapping
-from contextlib import aclosing
+from collections.abc import AsyncGenerator, Awaitable, Callable, Iterator, Mapping
+from contextlib import aclosing, contextmanager
 from logging import Logger
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.runtime.background import supervised, time_sliced
@@ -16,7 +16,60 @@ _News = TypeVar("_News")
 _PAUSE_S = 2.0  # pause after an unexpected error, before everything is loaded again
 
 
-class Replica(Generic[_T]):
+class Copy(Protocol):
+    """A local copy of what gateways share."""
+
+    @property
+    def is_loaded(self) -> bool:
+        """True once everything was read."""
+
+    @property
+    def awaits_redis(self) -> bool:
+        """True while it is open and was not read, because Redis has not answered since then."""
+
+
+class Loading:
+    """Whether something was loaded, which ``loading`` notes; a ``Copy``."""
+
+    is_loaded, awaits_redis = False, True
+
+    @contextmanager
+    def loading(self) -> Iterator[None]:
+        """Note how the body ends, which loads everything."""
+        try:
+            yield
+        except RedisUnavailable:
+            raise
+        except Exception:
+            self.awaits_redis = False
+            raise
+        self.is_loaded, self.awaits_redis = True, False
+
+
+class Copies:
+    """The copies of a gateway, each with the plural noun of what it contains."""
+
+    def __init__(self) -> None:
+        self._all: list[tuple[str, Copy, bool]] = []
+
+    def add(self, noun: str, copy: Copy, *, needed_by_motions: bool = False) -> None:
+        """Add a copy. ``needed_by_motions``: whether a motion is judged by what it contains."""
+        self._all.append((noun, copy, needed_by_motions))
+
+    def awaited(self) -> str:
+        """Return why a starting gateway is not ready, empty if it is.
+
+        A copy that cannot be read is a fault, and keeps no gateway from getting ready.
+        """
+        nouns = [noun for noun, copy, _ in self._all if copy.awaits_redis]
+        return f"not read from Redis yet: {', '.join(nouns)}" if nouns else ""
+
+    def missed_by_motions(self) -> str:
+        """Return what is not known and motions are judged by, empty if there is nothing."""
+        return ", ".join(noun for noun, copy, needed in self._all if needed and not copy.is_loaded)
+
+
+class Replica(Loading, Generic[_T]):
     """A local copy: passes each value to ``take`` as it is read, or None if it no longer exists.
 
     Values are read one at a time, so that an older value never replaces a newer one. ``load`` and ``read`` query Redis;
@@ -36,9 +89,10 @@ class Replica(Generic[_T]):
     async def load(self) -> None:
         """Read all values again, and take them in slices of the event loop: there may be thousands."""
         async with self._reading:
-            found = await self._load()
-            async for id in time_sliced({*self._ids, *found}):
-                self._take(id, found.get(id))
+            with self.loading():
+                found = await self._load()
+                async for id in time_sliced({*self._ids, *found}):
+                    self._take(id, found.get(id))
             self._ids = set(found)
 
     async def refresh(self, id: str) -> None:

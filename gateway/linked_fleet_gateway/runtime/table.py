@@ -124,15 +124,13 @@ class Table(Generic[T]):
         on_change: Callable[[str, T | None, T | None], None] = lambda id, before, after: None,
         faults: Faults | None = None,
     ) -> None:
-        self._stored, self._noun, self._encode, self._decode = stored, noun, encode, decode
+        self._stored, self.noun, self._encode, self._decode = stored, noun, encode, decode
         self._on_change, self._faults = on_change, faults or Faults()
         self._known: dict[str, T] = {}
         self._digests: dict[str, str] = {}
         self.changes = 0
         """Number of changes so far."""
-        self.is_loaded = False
-        """True once all records were read."""
-        self._replica = Replica(self._load, stored.read, self._take)
+        self._replica = Replica(stored.load, stored.read, self._take)
         self._tasks: list[asyncio.Task[None]] = []
 
     @property
@@ -140,15 +138,26 @@ class Table(Generic[T]):
         """The records by id, readable also during outages of Redis."""
         return self._known
 
+    @property
+    def is_loaded(self) -> bool:
+        """True once all records are known."""
+        return self._replica.is_loaded
+
+    @property
+    def awaits_redis(self) -> bool:
+        """True while the table is open, and not read because Redis has not answered since then."""
+        return bool(self._tasks) and self._replica.awaits_redis
+
     async def __aenter__(self) -> Self:
         replica, news = self._replica, self._stored.news
-        self._tasks = [await replica.follow(f"the {self._noun}", log, news)]
+        self._tasks = [await replica.follow(f"the {self.noun}", log, news)]
         return self
 
     async def __aexit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         await cancel_tasks(self._tasks)
+        self._tasks = []
         await self._stored.close()
 
     async def add(self, record: T) -> str:
@@ -170,7 +179,7 @@ class Table(Generic[T]):
             return False
         except Full as error:
             count, size = self._stored.limits
-            most = f"at most {count} {self._noun}, and {size // 2**20} MiB of them"
+            most = f"at most {count} {self.noun}, and {size // 2**20} MiB of them"
             raise ContainerFull(f"There is no room: there are {most}.") from error
         return True
 
@@ -194,11 +203,6 @@ class Table(Generic[T]):
             except RedisUnavailable:
                 await asyncio.sleep(_RETRY_S)
 
-    async def _load(self) -> dict[str, bytes]:
-        found = await self._stored.load()
-        self.is_loaded = True
-        return found
-
     def _take(self, id: str, body: bytes | None) -> None:
         before, found = self._known.get(id), digest(body)
         if before is not None and self._digests.get(id) == found:
@@ -215,11 +219,11 @@ class Table(Generic[T]):
             del self._known[id]
         else:
             self._known[id] = after
-        with self._faults.guard(self._noun, thing="on_change"):
+        with self._faults.guard(self.noun, thing="on_change"):
             self._on_change(id, before, after)
 
     def _read(self, id: str, body: bytes | None) -> T | None:
         """Return the record; None also if it cannot be read, which stays a fault until it can, or is removed."""
-        with self._faults.guard(self._noun, thing=f"record {id}"):
+        with self._faults.guard(self.noun, thing=f"record {id}"):
             return None if body is None else self._decode(body)
         return None

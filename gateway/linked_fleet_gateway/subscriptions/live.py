@@ -26,6 +26,7 @@ from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.runtime.background import SLICE_S, Turns
+from linked_fleet_gateway.runtime.replica import Copies
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 
 _MEETING_S = 2.0  # longest wait for robots at the start, before the gateway serves without knowing all of them
@@ -46,6 +47,7 @@ class Live:
         self.fleet = Fleet(Frames(lambda robot: keys.robot(robot, "state")))
         self.invocations = Invocations()
         self.faults = Faults()
+        self.copies = Copies()
         self.fan_out = FanOut(self.tree, self.fleet.next_moved, lambda path: self._branches.reading(path))
         self.fleet.frames.watched = self.fan_out.watched_robots
         self._invocation_listeners: dict[Callable[[Invocation], None], str] = {}

@@ -9,7 +9,7 @@ import pytest
 
 from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.runtime.background import cancel_tasks
-from linked_fleet_gateway.runtime.replica import Replica, follow_changes
+from linked_fleet_gateway.runtime.replica import Copies, Replica, follow_changes
 from virtual.loop import on_virtual_time
 
 log = logging.getLogger("tests.replica")
@@ -93,6 +93,41 @@ def test_an_outage_is_waited_out_from_the_start(caplog: pytest.LogCaptureFixture
 
     following(shared, test)
     assert [each.message for each in caplog.records] == ["values are not known yet: Redis is unavailable: away"]
+
+
+def test_a_gateway_is_ready_and_judges_motions_once_all_is_read() -> None:
+    """Not while the last values are still being taken."""
+    shared, copies = Shared(a="1"), Copies()
+    copies.add("values", shared.replica, needed_by_motions=True)
+    known = list[str]()
+    others = Replica(shared._load, shared._read, lambda id, value: known.append(copies.awaited()))
+    copies.add("others", others)
+    shared.error = RedisUnavailable("away")
+
+    async def test() -> None:
+        assert copies.awaited() == "not read from Redis yet: values, others"
+        assert copies.missed_by_motions() == "values"
+        shared.error = None
+        await shared.tell(None, a="1")
+        assert copies.awaited() == "not read from Redis yet: others" and copies.missed_by_motions() == ""
+        await others.load()
+        assert known == ["not read from Redis yet: others"] and copies.awaited() == ""
+        shared.error = RedisUnavailable("away")
+        await shared.tell(None, a="1")
+        assert copies.awaited() == copies.missed_by_motions() == "", "what was read stays known"
+
+    following(shared, test)
+
+
+def test_what_cannot_be_read_keeps_no_gateway_away_and_moves_nothing() -> None:
+    shared, copies = Shared(a="1"), Copies()
+    copies.add("values", shared.replica, needed_by_motions=True)
+    shared.error = ValueError("damaged")
+
+    async def test() -> None:
+        assert copies.awaited() == "" and copies.missed_by_motions() == "values"
+
+    following(shared, test)
 
 
 def test_after_an_unforeseen_error_everything_is_read_anew(caplog: pytest.LogCaptureFixture) -> None:

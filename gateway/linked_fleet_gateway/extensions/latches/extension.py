@@ -51,12 +51,6 @@ class StopLatched(MotionRefused):
     status, code, title = 409, "stop-latched", "A stop holds until it is reset"
 
 
-class LatchesUnknown(MotionRefused):
-    """Which stops hold is not read yet by the gateway."""
-
-    status, code, title = 503, "latches-unknown", "It is not known whether a stop holds"
-
-
 class Latches:
     """The latches as the records of their container, of which a robot has one, and the fleet one."""
 
@@ -85,10 +79,6 @@ class Latches:
         if record.reason in ("", held.reason):
             return id
         raise Conflict(f"The {record.title[0].lower()}{record.title[1:]} holds already: PUT /{SEGMENT}/{id}.")
-
-    def are_known(self) -> bool:
-        """Return False until the latches were read once."""
-        return self._table.is_loaded
 
     async def change(self, id: str, record: Latch | None) -> bool:
         """Replace the reason of a latch, or reset it for None. Return False if it has changed meanwhile.
@@ -119,8 +109,6 @@ class _Guard:
         return _FREE
 
     def _check(self, robot: Robot) -> None:
-        if not self._latches.are_known():
-            raise LatchesUnknown("It is not known yet which stops hold: Redis has not answered. Try again.")
         if (found := self._latches.of(robot.name)) is None:
             return
         id, latch = found

@@ -51,6 +51,7 @@ class Rules:
         """Returns the variables of a condition, given its base and the client. Raises BadRequest, PayloadTooLarge."""
         self.known: dict[str, RuleRecord] = {}
         self._replica = Replica(store.load, store.read, self._put)
+        self._core = core
         refresh = self._replica.refresh
         self._engine = Engine(
             core.live, core.invoke, store, self.known, select, creator_of, refresh, self._noted, self.bases
@@ -69,6 +70,7 @@ class Rules:
             await self._replica.follow("rules", log, self._store.news),
             supervised(self._keep, "serve rules", log, "rules are not served", 0.0),
         ]
+        self._core.add_copy("rules", self._replica)
         return self
 
     async def __aexit__(

@@ -177,7 +177,7 @@ class WorldExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         meshes, folder = core.service(Meshes), core.state_path / "meshes"
         async with (
-            World(core.live, meshes, core.redis_url, core.namespace, folder) as world,
+            World(core, meshes, folder) as world,
             PathWatch(world.checks, core.robots, core.live.invocations.open_of_robot, core.cancel),
             MotionWatch(world.checks, core.robots, core.live.invocations.get, core.cancel),
         ):

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Self
 
 from pyoxigraph import Triple
 
-from linked_fleet_gateway.api import FleetBranch, Found, RequestView, Table
+from linked_fleet_gateway.api import Core, FleetBranch, Found, RequestView, Table
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world import floor_map
 from linked_fleet_gateway.extensions.world.checks import Checks
@@ -32,7 +32,7 @@ from linked_fleet_gateway.fleet.kinematics import ORIGIN
 from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.serving import Live, StoredRecords
+from linked_fleet_gateway.serving import StoredRecords
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.world.occupancy import OccupancyGrid
@@ -54,12 +54,14 @@ def stored_maps(url: str, namespace: str) -> StoredRecords:
 class World:
     """An async context manager; meshes are cached in ``folder``."""
 
-    def __init__(self, live: Live, meshes: Meshes, url: str, namespace: str, folder: Path) -> None:
-        self._live = live
-        stored = stored_objects(url, namespace)
+    def __init__(self, core: Core, meshes: Meshes, folder: Path) -> None:
+        live = self._live = core.live
+        stored = stored_objects(core.redis_url, core.namespace)
         self.objects = Table(stored, NOUN, encode, decode, self._changed, live.faults)
-        maps = stored_maps(url, namespace)
+        maps = stored_maps(core.redis_url, core.namespace)
         self.maps = Table(maps, NOUN_OF_MAPS, floor_map.encode, floor_map.decode, self._map_changed, live.faults)
+        for table in (self.objects, self.maps):
+            core.add_copy(table.noun, table)
         self.collisions = Collisions(live.fan_out.mark_changed)
         self._holding = Holding(live, self.objects)
         settled, known = self._holding.wait_until_settled, self.objects.known

@@ -13,11 +13,10 @@ from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_a
 from browser import LDP, LF, Browser
 from fake_robots import FakeRobot, open_session
 from gateway_group import Gateway, two_with_an_arm
-from linked_fleet_gateway.api import Core, Invocation, Motion, Table
-from linked_fleet_gateway.extensions.latches.extension import Latches, LatchesUnknown, _Guard, _heard
+from linked_fleet_gateway.api import Core, Invocation
+from linked_fleet_gateway.extensions.latches.extension import _heard
 from linked_fleet_gateway.extensions.latches.latch import Latch
 from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.identity.rights import ALL as ALL_ROBOTS
 from parallel import at_once
 from redis_servers import Servers
 from running import eventually
@@ -185,13 +184,3 @@ async def test_what_began_before_a_gateway_heard_of_a_latch_is_cancelled() -> No
     _heard(core, tasks, "1", None, Latch("a", since_ns=S))
     await asyncio.gather(*tasks)
     assert cancelled == ["after"]
-
-
-async def test_motions_are_refused_until_it_is_known_which_stops_hold() -> None:
-    table = SimpleNamespace(known={}, is_loaded=False)
-    guard = _Guard(Latches(cast(Table[Latch], table)))
-    motion = cast(Motion, SimpleNamespace(robot=SimpleNamespace(name="a")))
-    with pytest.raises(LatchesUnknown, match="Try again"):
-        await guard.check_path(motion, ALL_ROBOTS, "")
-    table.is_loaded = True
-    assert (await guard.check_path(motion, ALL_ROBOTS, "")).free

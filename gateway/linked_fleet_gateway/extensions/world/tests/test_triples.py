@@ -2,10 +2,12 @@
 
 from functools import partial
 from pathlib import Path
+from typing import Any, cast
 
 from pyoxigraph import Literal, NamedNode
 
 from floor_maps import FREE, UNKNOWN, WALL, pgm, yaml
+from linked_fleet_gateway.api import Core
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.models.meshes import Meshes, ask
@@ -22,15 +24,15 @@ from linked_fleet_gateway.identity.rights import ALL
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_gateway.serving import Live
 from virtual.zenoh_network import ZenohNetwork
 
 BASE = "http://fleet.test"
 
 
 def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path: Path) -> None:
-    settings = GatewaySettings()
-    live = create_live(settings, ZenohNetwork().gateway("g"))
-    world = World(live, Meshes(partial(ask, live.link)), "unix:///nowhere", settings.namespace, tmp_path)
+    live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
+    world = world_of(live, tmp_path)
     view = RequestView(BASE, live.fleet.robots, InvocationsInView(Invocations(), ALL), ALL)
     where = Pose((0.0, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0))
     for i in range(150):  # more than one page shows
@@ -50,9 +52,8 @@ def test_all_that_is_in_the_world_is_told_and_told_anew_when_it_changes(tmp_path
 
 async def test_planners_get_the_cells_of_the_present_map(tmp_path: Path) -> None:
     """Unpacked once for each map; without a map there are none."""
-    settings = GatewaySettings()
-    live = create_live(settings, ZenohNetwork().gateway("g"))
-    world = World(live, Meshes(partial(ask, live.link)), "unix:///nowhere", settings.namespace, tmp_path)
+    live = create_live(GatewaySettings(), ZenohNetwork().gateway("g"))
+    world = world_of(live, tmp_path)
     assert await world.occupancy() is None
     said, _ = read_yaml(yaml(0.5, (1.0, 2.0, 0.0)))
     floor = build_map(said, pgm([[WALL, FREE, UNKNOWN]]), title="hall", height_m=2.0, client="ann")
@@ -63,3 +64,8 @@ async def test_planners_get_the_cells_of_the_present_map(tmp_path: Path) -> None
     assert await world.occupancy() is grid
     world.maps._take(ID, None)
     assert await world.occupancy() is None
+
+
+def world_of(live: Live, folder: Path) -> World:
+    core = Core(*cast(Any, (live, None, None, None, "unix:///nowhere", "fleet", "", (), folder)))
+    return World(core, Meshes(partial(ask, live.link)), folder)
