@@ -96,6 +96,7 @@ async def serves(gateway: Gateway, robots: dict[str, Robot]) -> None:
     before = {name: gateway.frame(name) for name in robots}
     await until(lambda: seen() and all(gateway.frame(name) > before[name] for name in robots))
     for name in robots:
-        while not await gateway.commands(name):  # a robot may refuse once more what was sent while it was cut off
+        # A robot may refuse once more what was sent while it was cut off.
+        while not await gateway.commands(name):  # noqa: ASYNC110 - each time it is asked
             await asyncio.sleep(0.01)
     assert seen()
