@@ -118,6 +118,7 @@ class Place:
             "availability": '<> lf:inService false ; lf:reason "worn" .',
             "tags": '<> lf:tag "arms" , "hall 3" .',
             "stopLatches": f"<> lf:latchAbout <{self.browser.root}ur5/> .",
+            "boards": f"<> dcterms:title 'Elbows' ; lf:boardLine <{self.browser.root}ur5/elbow_joint/rotation> .",
             "notes": f"<> lf:noteText 'Mind the cable.' ; lf:noteAbout <{self.browser.root}ur5/> .",
             "poses": f'<> dcterms:title "here {next(self._numbers)}" .',
             "mode": '<> lf:value "automatic" .',

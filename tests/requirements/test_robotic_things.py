@@ -50,6 +50,7 @@ def _writes(tree: Walk, page: Visited) -> set[str]:
         LF.query,
         LF.savedPoses,
         LF.notes,
+        LF.boards,
         LF.stopLatches,
     )
     members = any((thing, each, page.iri) in tree.pages[str(thing)].graph for thing in _about(page) for each in takes)

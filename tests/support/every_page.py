@@ -81,6 +81,10 @@ def pages_of_each_kind(browser: Browser) -> dict[str, str]:
         "annotations": robot.url + "annotations",
         "stops that hold": browser.root + "stopLatches",
         "notes": browser.root + "notes",
+        "boards": browser.root + "boards",
+        "board": browser.http.post(browser.root + "boards", json={"title": "Elbows", "lines": [rotation]}).headers[
+            "location"
+        ],
         "notes of a robot": robot.url + "notes",
         "note": browser.http.post(browser.root + "notes", json={"about": robot.url, "text": "Mind the cable."}).headers[
             "location"

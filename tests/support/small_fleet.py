@@ -41,7 +41,10 @@ class Place:
             yield gateway, browser
 
     def ur5(self, *more: str) -> contextlib.AbstractContextManager[Process]:
-        return process("-m", "linked_fleet_agent", "--robot=ur5", "--connect", self.zenoh, *more)
+        return self.robot("ur5", *more)
+
+    def robot(self, name: str, *more: str) -> contextlib.AbstractContextManager[Process]:
+        return process("-m", "linked_fleet_agent", f"--robot={name}", "--connect", self.zenoh, *more)
 
 
 def presence(browser: Browser, name: str) -> Page | None:

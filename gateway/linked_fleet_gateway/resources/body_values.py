@@ -58,13 +58,12 @@ class Body:
 
         Only the gateway knows if the former is its own.
         """
-        node = self.node(subject, predicate)
-        iri = node.value if isinstance(node, NamedNode) else ""
-        try:
-            path = urlsplit(iri).path
-        except ValueError:
-            path = ""
-        return (iri.removesuffix(path), path) if iri.endswith(path) else (iri, "")
+        return next(iter(self.addresses(subject, predicate)), ("", ""))
+
+    def addresses(self, subject: Node, predicate: NamedNode) -> list[tuple[str, str]]:
+        """Return each IRI in two parts, likewise."""
+        nodes = self.nodes(subject, predicate)
+        return [_in_two(each.value if isinstance(each, NamedNode) else "") for each in nodes]
 
     def text(self, subject: Node, predicate: NamedNode) -> str | None:
         found = self._values.get((subject, predicate), ())
@@ -95,6 +94,14 @@ class Body:
         value = self.number(subject, VOM.numericalValue, self.unit(subject))
         assert value is not None
         return value
+
+
+def _in_two(iri: str) -> tuple[str, str]:
+    try:
+        path = urlsplit(iri).path
+    except ValueError:
+        path = ""
+    return (iri.removesuffix(path), path) if iri.endswith(path) else (iri, "")
 
 
 def own_statements(triples: Sequence[Triple], root: Node) -> list[Triple]:

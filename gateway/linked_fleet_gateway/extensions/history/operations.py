@@ -28,6 +28,11 @@ _SPAN = [
 _SPACED = [*_SPAN, parameter("every", "query", _SPACING, "The least time between two samples; others are left out.")]
 
 
+_OF = parameter(
+    "of", "query", {"type": "string", "examples": ["battery/charge"]}, "A property, by its path below the robot."
+)
+
+
 def operations(view: RequestView) -> dict[str, Json]:
     """Return the OpenAPI path items of the list of histories, and of histories of robots and measured properties."""
     robots = [each for each in view.robots.values() if each.model is not None]
@@ -42,7 +47,7 @@ def operations(view: RequestView) -> dict[str, Json]:
     if robots:
         found |= resource_path_items(f"/{{robot}}/{SEGMENT}", of, "History", "Recent values of a robot", whole)
         what = "What components of a robot said"
-        values = rdf_get_operation("readComponentHistory", what, None, {"csv": CSV}, _SPAN)
+        values = rdf_get_operation("readComponentHistory", what, None, {"csv": CSV}, [*_SPACED, _OF])
         found |= resource_path_items(f"/{{robot}}/{SEGMENT}/{VALUES}", of, "ComponentHistory", what, values)
     if own:
         get = rdf_get_operation("readOwnHistory", "Recent values of a property of a robot", None, {"csv": CSV}, _SPACED)

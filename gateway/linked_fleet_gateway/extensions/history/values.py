@@ -4,8 +4,9 @@ import asyncio
 import csv
 import io
 import time
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from pyoxigraph import Literal
 
@@ -30,7 +31,7 @@ from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.segment import UNKNOWN, Said
 from linked_fleet_gateway.extensions.history.sending import paced
 from linked_fleet_gateway.extensions.history.shelf import Shelf
-from linked_fleet_gateway.extensions.history.span import MOST, Span, lexical_time, parse_span, query
+from linked_fleet_gateway.extensions.history.span import MOST, Span, lexical_duration, lexical_time, parse_span, query
 from linked_fleet_gateway.extensions.history.track import LATEST_NS
 from linked_fleet_gateway.rdf.graph import timestamp
 from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, SOSA
@@ -65,42 +66,62 @@ def values_of(history: History, view: RequestView, robot: Robot, rest: list[str]
 
 async def read_values(request: Request, found: Resource, recorded: RecordedValues) -> Response:
     """Return what components said in the requested time, or what held at an instant. Raises BadRequest, Busy."""
-    span, archive = parse_span(request.query_params.multi_items()), recorded.history.archive
-    if span.every_ns is not None:
-        raise BadRequest("Values of components are told when they change, so every has no meaning here.")
+    given = request.query_params.multi_items()
+    of = [value for name, value in given if name == "of"]
+    span, archive = parse_span(each for each in given if each[0] != "of"), recorded.history.archive
+    if len(of) > 1:
+        raise BadRequest("of is one property, by its path below the robot, such as battery/charge.")
+    if span.every_ns is not None and not of:
+        raise BadRequest("Values of components are told when they change, so every has a meaning only beside of.")
     assert archive is not None  # else there is no such resource
     shelf, now_ns = archive.shelf, time.time_ns()
 
     def work() -> tuple[Response, int | None]:
-        said, after = _selected(shelf, recorded.robot.name, span, now_ns)
+        said, after = _selected(shelf, recorded.robot.name, span, now_ns, "".join(of))
         resource = _resource(recorded, found, said)
         check_preconditions(request, resource)
         return read_resource(request, resource), after
 
     async with recorded.history.worker():
         response, after = await asyncio.to_thread(work)
-    return paced(response, recorded.history, request.base + found.path, {"next": _following(span, after)})
+    return paced(response, recorded.history, request.base + found.path, {"next": _following(span, after, of)})
 
 
-def _following(span: Span, after: int | None) -> str:
+def _following(span: Span, after: int | None, of: Sequence[str]) -> str:
     """Return the query of the next page; empty if there is none."""
     if after is None:
         return ""
     end = {} if span.end_ns is None else {"to": lexical_time(span.end_ns)}
     limit = {} if span.limit is None else {"limit": span.limit}
-    return query(from_=lexical_time(after), **end, **limit)
+    every = {} if span.every_ns is None else {"every": lexical_duration(span.every_ns)}
+    return query(from_=lexical_time(after), **end, **limit, **every, **({"of": of[0]} if of else {}))
 
 
-def _selected(shelf: Shelf, robot: str, span: Span, now_ns: int) -> tuple[Sequence[Said], int | None]:
-    """Return what is requested, and where the rest begins; None if it is all."""
+def _selected(shelf: Shelf, robot: str, span: Span, now_ns: int, of: str) -> tuple[Sequence[Said], int | None]:
+    """Return what is requested, of the property at the path ``of`` if there is one, and where the rest begins; None if
+    it is all.
+    """
     if span.at_ns is not None:
         heard = shelf.at(robot, span.at_ns).frames
         held = shelf.values_at(robot, span.at_ns) if heard else {}
-        return [held[path] for path in sorted(held) if held[path].json != UNKNOWN], None
+        return [held[path] for path in sorted(held) if held[path].json != UNKNOWN and of in ("", path)], None
     last_ns = span.last_ns if span.last_ns is not None else None if span.end_ns is not None else _RECENT_NS
     begin_ns = span.begin_ns if span.begin_ns is not None else 0 if last_ns is None else max(0, now_ns - last_ns)
     end_ns = LATEST_NS if span.end_ns is None else span.end_ns
-    return shelf.values(robot, begin_ns, end_ns, min(span.limit or MOST, MOST))
+    choose = partial(_chosen, of, span.every_ns or 0) if of else iter
+    return shelf.values(robot, begin_ns, end_ns, min(span.limit or MOST, MOST), choose=choose)
+
+
+def _chosen(of: str, every_ns: int, said: Iterable[Said]) -> Iterator[Said]:
+    """Yield what is said of one property, ``every_ns`` apart; where it becomes known or unknown is never left out."""
+    last: Said | None = None
+    for each in said:
+        if each.path != of:
+            continue
+        turns = last is None or (each.json == UNKNOWN) != (last.json == UNKNOWN)
+        if turns or last is None or each.stamp_ns - last.stamp_ns >= every_ns:
+            last = each
+            yield each
 
 
 def _resource(recorded: RecordedValues, found: Resource, said: Sequence[Said]) -> Resource:

@@ -3,6 +3,7 @@
 const LONGEST_MS = 20000;
 const MOST_PAGES = 4;
 const EVERY_S = 0.2; // finer than a plot can show for minutes
+const MOST_POINTS = 1500; // nor can it show more
 const HEAD = /^(.*) \(([^()]*)\)$/;
 
 /** @typedef {import("../../pages/scripts/src/past.js").Table} Table */
@@ -10,7 +11,37 @@ const HEAD = /^(.*) \(([^()]*)\)$/;
 /** @returns {Promise<import("../../pages/scripts/src/past.js").Past|undefined>} the latest part of the history of a property */
 export async function recorded(iri, spanS) {
   const history = await historyOf(iri);
-  return history && { iri: history, table: await fetchPast(history, spanS) };
+  return history ? { iri: history, table: await fetchPast(history, spanS) } : said(iri, spanS);
+}
+
+/** Return what a component said: its values are told when they change, and held until then. */
+async function said(iri, spanS) {
+  const { origin, pathname } = new URL(iri);
+  const [, robot, ...below] = pathname.split("/");
+  const record = `${origin}/${robot}/history/values`;
+  const of = `of=${encodeURIComponent(below.map(decodeURIComponent).join("/"))}`;
+  const begin = new Date(Date.now() - spanS * 1000).toISOString();
+  const before = await fetchSaid(`${record}?${of}&at=${encodeURIComponent(begin)}`);
+  const after = before && (await fetchSaid(`${record}?${of}&from=${encodeURIComponent(begin)}&every=PT${Math.max(EVERY_S, spanS / MOST_POINTS)}S`));
+  if (!after?.length && !before?.length) return undefined;
+  const all = [...(before ?? []).map(([, value]) => [Date.parse(begin) / 1000, value]), ...(after ?? [])];
+  return { iri: record, table: { names: ["value"], times: all.map(([time]) => time), columns: [all.map(([, value]) => value)], held: true } };
+}
+
+/** Return times and numbers; undefined if nothing is kept. */
+async function fetchSaid(/** @type {string | undefined} */ next) {
+  const found = [];
+  for (let page = 0; next && page < MOST_PAGES; page++) {
+    const answer = await fetch(next, { headers: { Accept: "text/csv" }, signal: AbortSignal.timeout(LONGEST_MS) });
+    if (!answer.ok) return page ? found : undefined;
+    const [, ...lines] = (await answer.text()).split(/\r?\n/);
+    for (const [time, , , value] of lines.filter(Boolean).map((each) => each.split(","))) {
+      const number = value === "null" || value === "" ? NaN : Number(value);
+      found.push([Date.parse(time) / 1000, Number.isFinite(number) ? number : null]);
+    }
+    next = linksOf(answer).find(({ relation }) => relation === "next")?.target;
+  }
+  return found;
 }
 
 /** @returns {Promise<string|undefined>} where the history of a measured property is, if it is remembered */
@@ -28,7 +59,7 @@ async function historyOf(iri) {
  */
 export async function fetchPast(iri, spanS) {
   const table = { names: [], times: [], columns: [] };
-  let next = `${iri}?last=PT${spanS}S&every=PT${EVERY_S}S`;
+  let next = `${iri}?last=PT${spanS}S&every=PT${Math.max(EVERY_S, spanS / MOST_POINTS)}S`;
   for (let page = 0; next && page < MOST_PAGES; page++) {
     const answer = await fetch(next, { headers: { Accept: "text/csv" }, signal: AbortSignal.timeout(LONGEST_MS) });
     if (!answer.ok) break;

@@ -65,6 +65,28 @@ def test_values_are_kept_as_they_change_and_events_as_they_occur(scene: Scene) -
     assert [row["time"] for row in scene.rows()] == sorted(row["time"] for row in scene.rows())
 
 
+def test_the_values_of_one_property_are_selected_and_thinned_out(scene: Scene) -> None:
+    for gap in (0.07, 0.06, 0.05):
+        scene.cell.gripper.gap = gap
+        eventually(lambda gap=gap: scene.of("gripper/width")[-1] == str(gap), "the change")
+    scene.cell.gripper.broken = "no bus"
+    eventually(lambda: scene.of("gripper/width")[-1] == "null", "that it is unknown")
+    assert {row["path"] for row in scene.rows()} > {"gripper/width"}
+    selected = scene.rows(of="gripper/width")
+    assert [row["value"] for row in selected if row["value"] != "null"] == ["0.08", "0.07", "0.06", "0.05"]
+    assert {row["path"] for row in selected} == {"gripper/width"}
+    thinned = [row["value"] for row in scene.rows(of="gripper/width", every="PT1H", last="PT1H")]
+    assert thinned[-2:] == ["0.08", "null"], "where it becomes known and unknown stays"
+    assert [row["value"] for row in scene.rows(of="gripper/width", at=selected[-2]["time"])] == ["0.05"]
+    assert scene.rows(of="gripper/nothing") == []
+    get = scene.browser.http.get
+    assert get(scene.values, params={"every": "PT1S"}).status_code == 400
+    assert get(f"{scene.values}?of=a&of=b").status_code == 400
+    first = get(scene.values, params={"of": "gripper/width", "limit": "1", "every": "PT0.5S", "last": "PT1H"})
+    (following,) = (each["url"] for each in first.links.values() if each["rel"] == "next")
+    assert "of=gripper%2Fwidth" in following and "every=PT0.5S" in following
+
+
 def test_at_an_instant_each_value_is_the_last_one_before_it(scene: Scene) -> None:
     scene.cell.gripper.gap = 0.07
     rows = eventually(lambda: found if len(found := scene.of_path("gripper/width")) > 1 else None, "the change")

@@ -1,6 +1,7 @@
 """A plot draws what was measured: its line is compared with the history in CSV."""
 
 import csv
+import re
 import signal
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
@@ -15,6 +16,7 @@ from playwright.sync_api import Locator, Page, expect
 from browser import LF
 from browser import Browser as Client
 from commanding import TURTLE, angle, of_joint, of_robot, post, slowly
+from page_user import PageUser
 from running import Process, eventually
 from small_fleet import Place, live
 
@@ -28,8 +30,12 @@ DATA = "(figure) => figure.plot?.chart?.data.map((each) => [...each])"
 
 
 @pytest.fixture
-def ur5(tmp_path: Path) -> Iterator[tuple[Client, Process]]:
-    place = Place(tmp_path)
+def place(tmp_path: Path) -> Place:
+    return Place(tmp_path)
+
+
+@pytest.fixture
+def ur5(place: Place) -> Iterator[tuple[Client, Process]]:
     with place.gateway() as (_, client), place.ur5() as agent:
         live(client, "ur5")
         yield client, agent
@@ -42,9 +48,9 @@ def drawn(figure: Locator, of: int = 1) -> Drawn:
     return list(zip(data[0], data[of], strict=True)) if data and len(data) > of else []
 
 
-def end_of(figure: Locator) -> float:
+def end_of(figure: Locator, of: int = 1) -> float:
     """Return the time of the last point with a value, 0 without one."""
-    return max((time for time, value in drawn(figure) if value is not None), default=0)
+    return max((time for time, value in drawn(figure, of) if value is not None), default=0)
 
 
 def recorded(client: Client, address: str, name: str) -> Line:
@@ -93,11 +99,22 @@ def on_the_page_of_the_robot(page: Page, client: Client) -> tuple[Locator, str, 
     return figure, address_of(figure.get_by_role("link", name="CSV")), f"{JOINT}/rotation"
 
 
+def on_a_board(page: Page, client: Client) -> tuple[Locator, str, str]:
+    page.goto(board(client, f"ur5/{JOINT}/rotation"))
+    return page.locator(".board-charts figure"), f"{client.root}ur5/{JOINT}/rotation/history", "rotation"
+
+
+def board(client: Client, *lines: str) -> str:
+    """Save a board and return its address."""
+    given = {"title": "Joints", "lines": [client.root + each for each in lines]}
+    return client.http.post(client.root + "boards", json=given).headers["location"]
+
+
 Opened = Callable[[Page, Client], tuple[Locator, str, str]]
-both_pages = pytest.mark.parametrize("opened", [on_the_page_of_the_joint, on_the_page_of_the_robot])
+all_pages = pytest.mark.parametrize("opened", [on_the_page_of_the_joint, on_the_page_of_the_robot, on_a_board])
 
 
-@both_pages
+@all_pages
 def test_the_line_of_a_moving_joint_is_that_of_the_csv(
     page: Page, watched: object, ur5: tuple[Client, Process], opened: Opened
 ) -> None:
@@ -121,7 +138,7 @@ def test_the_line_of_a_moving_joint_is_that_of_the_csv(
     assert min(moving) < loaded_rad < max(moving)
 
 
-@both_pages
+@all_pages
 def test_the_line_of_a_resting_robot_goes_on(
     page: Page, watched: object, ur5: tuple[Client, Process], opened: Opened
 ) -> None:
@@ -147,3 +164,46 @@ def test_the_line_ends_with_the_last_frame(page: Page, watched: object, ur5: tup
         eventually(lambda: last - 0.3 < end_of(figure) < last + 0.3, lambda: f"{end_of(figure)} is {last}")
         assert drawn(figure)[-1][1] is None
         page.reload()
+
+
+def test_a_board_has_numbers_of_several_robots_in_one_chart(
+    ur5: tuple[Client, Process], place: Place, operator: PageUser
+) -> None:
+    """Lines are chosen by robot and value; one unit is one chart, a part of which can be looked at closer."""
+    client, _ = ur5
+    page = operator.page
+    with place.robot("panda") as panda:
+        live(client, "panda")
+        page.goto(client.root + "boards")
+        page.get_by_label("Title").fill("Wrists")
+        page.get_by_label("Robot").select_option(f"{client.root}ur5/")
+        page.get_by_label("Value").select_option("wrist_3_joint rotation")
+        operator.press(page.get_by_role("button", name="Save the board"))
+        charts, lines = page.locator(".board-charts figure"), page.locator("[data-line]")
+        expect(charts).to_have_count(1)
+        page.get_by_label("Robot").select_option(f"{client.root}panda/")
+        for count, value in ((2, "panda_joint4 rotation"), (3, "panda_joint4 effort")):
+            page.get_by_label("Value").select_option(value)
+            operator.press(page.get_by_role("button", name="Add this line"))
+            expect(lines).to_have_count(count)
+        expect(charts).to_have_count(2)
+        angles = charts.filter(has_text="in rad")
+        eventually(lambda: all(end_of(angles, of) > 0 for of in (1, 2)), "two lines in one chart")
+        values = [[value for _, value in drawn(angles, of) if value is not None] for of in (1, 2)]
+        assert {round(each[-1], 1) for each in values} == {0.0, -2.4}
+        panda.stop()
+        expect(lines.filter(has_text="panda").first.locator("output")).to_have_text("offline")
+        expect(lines.filter(has_text="ur5").locator("output")).to_have_text(re.compile(" rad$"))
+    if not operator.touch:
+        box = angles.locator(".canvas").bounding_box()
+        assert box is not None
+        page.mouse.move(box["x"] + box["width"] * 0.6, box["y"] + 50)
+        page.mouse.down()
+        page.mouse.move(box["x"] + box["width"] * 0.9, box["y"] + 50, steps=4)
+        page.mouse.up()
+        scale = "(figure) => figure.plot.chart.scales.x.max - figure.plot.chart.scales.x.min"
+        assert angles.evaluate(scale) < 30
+        operator.press(page.get_by_role("button", name="Follow what is measured now"))
+        eventually(lambda: angles.evaluate(scale) > 59, "the last minute")
+    operator.press(lines.filter(has_text="effort").get_by_role("button"))
+    expect(charts).to_have_count(1)

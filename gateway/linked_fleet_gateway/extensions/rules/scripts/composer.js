@@ -4,20 +4,15 @@
 import { say } from "../../pages/scripts/src/say.js";
 import { fetchInput, hasFields } from "../../pages/scripts/src/action_input.js";
 import { button, choice, element, field } from "../../pages/scripts/src/elements.js";
-import { fetchActions, fetchRobots, select } from "../../pages/scripts/src/fleet_offer.js";
+import { fetchActions, fetchRobots } from "../../pages/scripts/src/fleet_offer.js";
 import { draft, read } from "../../pages/scripts/src/form.js";
+import { fetchValues } from "../../pages/scripts/src/measured.js";
 import { write } from "../../pages/scripts/src/ntriples.js";
-import { TITLE, lf, localName, segments, unitSymbol, words } from "../../pages/scripts/src/vocabulary.js";
+import { TITLE, lf, segments } from "../../pages/scripts/src/vocabulary.js";
 
-const VOM = "http://vocab.arvida.de/2015/06/vom/vocab#";
-const HYBRIT = "https://hybr-it-projekt.de/ns/hybr-it#";
-const QUDT = "http://qudt.org/schema/qudt/";
-const OBSERVABLE = "http://www.w3.org/ns/sosa/ObservableProperty";
 const NUMBER = /^[-+]?(\d+([.]\d+)?|[.]\d+)(e[-+]?\d+)?$/i;
 const COMPARISONS = [[">", say("is above")], ["<", say("is below")], [">=", say("is at least")], ["<=", say("is at most")], ["=", say("is")], ["!=", say("is not")]];
 const DEGREES = 180 / Math.PI;
-
-/** @typedef {{thing: string, path: string[], unit: string, name: string, text: boolean}} Measured */
 
 /**
  * @param {HTMLFormElement} form of the rule
@@ -40,7 +35,7 @@ class Composer {
     this.written = /** @type {HTMLDetailsElement} */ (form.closest("details"));
     this.written.open = false;
     this.sends = false; // whether the answer is to what is composed here
-    /** @type {Measured[]} */
+    /** @type {import("../../pages/scripts/src/measured.js").Measured[]} */
     this.values = [];
     /** @type {HTMLFormElement | undefined} */
     this.input = undefined;
@@ -207,28 +202,4 @@ function refill(select, options) {
   const before = select.value;
   select.replaceChildren(...options);
   if (options.some(({ value }) => value === before)) select.value = before;
-}
-
-/** Return the measured numbers, and the texts, of a robot and its parts. */
-async function fetchValues(query, robot) {
-  const asked = `PREFIX hybrit: <${HYBRIT}> PREFIX vom: <${VOM}>
-SELECT DISTINCT ?thing ?property ?part ?unit ?text WHERE {
-  ?thing hybrit:property ?resource ; ?property ?resource .
-  FILTER(STRSTARTS(STR(?thing), "${robot}") && ?property != hybrit:property)
-  { ?resource a <${OBSERVABLE}> ; ?part ?scalar . ?scalar vom:numericalValue ?number . OPTIONAL { ?scalar <${QUDT}unit> ?unit } }
-  UNION { ?resource a <${lf("ComponentProperty")}> ; <${lf("value")}> ?text . BIND(<${lf("value")}> AS ?part) FILTER(isLiteral(?text)) }
-}`;
-  const found = (await select(query, asked)).map((row) => measuredOf(robot, row));
-  return found.sort((one, other) => one.thing.localeCompare(other.thing) || one.name.localeCompare(other.name));
-}
-
-/** @returns {Measured} */
-function measuredOf(robot, { thing, property, part, unit, text }) {
-  const inside = thing.value.slice(robot.length) ? `${decodeURIComponent(thing.value.slice(robot.length))} ` : "";
-  const detail = ["value", "rotationAngle", "displacement"].includes(localName(part.value)) ? "" : ` ${words(localName(part.value))}`;
-  // Properties of one make are named after their component: "simulation-property-time".
-  const name = `${inside}${words(localName(property.value).replace(/^.*-property-/, ""))}${detail}`;
-  const path = [property.value, part.value, ...(text ? [] : [`${VOM}numericalValue`])];
-  const symbol = unit ? unitSymbol(unit.value) : "";
-  return { thing: thing.value, path, unit: symbol, name, text: Boolean(text) };
 }

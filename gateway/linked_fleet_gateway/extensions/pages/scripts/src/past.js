@@ -1,10 +1,11 @@
 // Earlier values of measured properties, from an extension that records them.
 
-/** @typedef {{names: string[], times: number[], columns: (number|null)[][]}} Table times in seconds since 1970; null is unknown */
+/** @typedef {{names: string[], times: number[], columns: (number|null)[][], held?: boolean}} Table times in seconds since 1970; null is unknown; values that are `held` last until the next one */
 /** @typedef {{iri: string, table: Table}} Past `iri`: of the record, which is also served as CSV */
 
 // Without samples for longer than this the robot was away; older samples of a large fleet are further apart.
 const AWAY_S = 2;
+const STEP_S = 0.001; // times of a line differ
 
 /** @type {(iri: string, spanS: number) => Promise<Past|undefined>} */
 let source = async () => undefined;
@@ -30,9 +31,16 @@ export function covered(/** @type {number[]} */ times, /** @type {number[]} */ h
 }
 
 /** Return the table with unknown values after each sample that no other followed in time: no line is drawn there. */
-export function broken(/** @type {Table} */ { names, times, columns }) {
+export function broken(/** @type {Table} */ { names, times, columns, held }, awayS = AWAY_S) {
+  if (held) return stepped({ names, times, columns });
   const newest = times.at(-1) ?? 0;
-  const isBreak = (index) => times[index + 1] - times[index] > AWAY_S + (newest - times[index + 1]);
+  const isBreak = (index) => times[index + 1] - times[index] > Math.max(AWAY_S, awayS) + (newest - times[index + 1]);
   const spread = (values, filler) => values.flatMap((value, index) => (isBreak(index) ? [value, filler(value)] : [value]));
   return { names, times: spread(times, (time) => time), columns: columns.map((values) => spread(values, () => null)) };
+}
+
+/** Return the table with the value that was held right before each change, so that no slope is drawn. */
+function stepped(/** @type {Table} */ { names, times, columns }) {
+  const twice = (values, held) => values.flatMap((value, index) => (index ? [held(index), value] : [value]));
+  return { names, times: twice(times, (index) => times[index] - STEP_S), columns: columns.map((values) => twice(values, (index) => values[index - 1])) };
 }

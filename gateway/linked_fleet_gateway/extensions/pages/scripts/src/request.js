@@ -9,7 +9,7 @@ const ACCEPT = "application/n-triples, application/problem+json";
 /**
  * @typedef {{type?: string, title: string, detail: string, status: number, report?: Record<string, string>[], things?: string[], names?: string[], point?: number[], retryWith?: Record<string, string>[]}} Problem
  * `things` would collide at `point`, in metre in the world; with members of `retryWith` the same request may succeed
- * @typedef {{problem?: Problem, graph?: import("./ntriples.js").Graph, location: string|null, status: number}} Answer
+ * @typedef {{problem?: Problem, graph?: import("./ntriples.js").Graph, location: string|null, status: number, tag?: string|null}} Answer `tag`: the entity tag
  */
 
 /**
@@ -33,7 +33,7 @@ export async function send(method, iri, { body, headers = {} } = {}) {
   const location = response.headers.get("location");
   const type = response.headers.get("content-type") ?? "";
   if (!response.ok) return { problem: problemIn(response, type, text), location, status: response.status };
-  return { graph: type.startsWith("application/n-triples") ? parse(text) : undefined, location, status: response.status };
+  return { graph: type.startsWith("application/n-triples") ? parse(text) : undefined, location, status: response.status, tag: response.headers.get("etag") };
 }
 
 function problemIn({ status, statusText }, type, text) {

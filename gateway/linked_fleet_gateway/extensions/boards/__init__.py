@@ -1,0 +1,1 @@
+"""Boards: saved charts of values of several robots. See README.md."""
