@@ -30,9 +30,10 @@ PLACES = {
     "go2": (0.0, -4.0, 0.0), "pmb2": (2.0, -1.2, 0.0),
 }  # fmt: skip
 HOST = "127.0.0.1"
-_READY_TIMEOUT_S = 30.0  # after this the address is printed although robots are missing
+_READY_TIMEOUT_S = 60.0  # after this the address is printed although robots are missing
 GRACE_S = 5.0  # a whole fleet takes little more than a second on an idle machine
 POLL_S = 0.1
+MOST_RESTARTS = 5  # of a gateway that somebody kills
 _LATER_S = 0.5  # period of looks after the robots once the address is printed
 _ONLINE = re.compile(
     r"^<([^>]+)> <https://w3id\.org/linked-fleet#presence> <https://w3id\.org/linked-fleet#online> \.$", re.M
@@ -120,6 +121,7 @@ class Demo:
     children: list[Child] = field(default_factory=list)
     online: set[str] = field(default_factory=set)
     placed: set[str] = field(default_factory=set)
+    restarts: int = 0
 
     @property
     def root(self) -> str:
@@ -178,6 +180,11 @@ class Demo:
                 continue
             child.wait(time.monotonic())
             self.children.remove(child)
+            if child.name == "gateway" and code < 0 and self.restarts < MOST_RESTARTS:
+                self.restarts += 1
+                print_line(f"The gateway process was ended by signal {-code} and is started again; robots go on.")
+                self._start_gateway()
+                continue
             goes_on = child.name != "gateway" and any(each.name in ROBOTS for each in self.children)
             print_line(_farewell(child, code, goes_on))
             if not goes_on:

@@ -187,6 +187,16 @@ def test_each_robot_has_an_agent_of_its_own(demo: Demo) -> None:
         again.wait()
 
 
+def test_a_killed_gateway_is_started_again_and_knows_what_it_knew(demo: Demo) -> None:
+    _ready(demo)
+    crate, killed = _crate(demo), demo.gateway()
+    os.kill(killed, signal.SIGKILL)
+    eventually(lambda: "is started again" in demo.output, lambda: demo.output)
+    eventually(lambda: demo.robots_online() == 6 and demo.gateway() != killed, lambda: demo.output)
+    assert httpx.get(crate).status_code == 200
+    assert demo.interrupt() == 0
+
+
 def test_the_demo_starts_without_the_redis_that_the_user_names(tmp_path: Path) -> None:
     """Warnings are printed and end nothing; what needs Redis is named, and follows when Redis is there."""
     server = Server(tmp_path)

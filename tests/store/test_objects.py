@@ -66,6 +66,7 @@ async def test_replacing_an_outdated_object_raises_changed(known: Open) -> None:
             (told,) = other.faults.of_parts
             assert id in told
         assert await other.store.read(id) is not None
+        assert other.objects.unreadable == [id] and one.objects.unreadable == []
         assert not await other.objects.change(id, ball("late")) and await other.objects.change(id, None)
         assert not await one.objects.change(id, ball("late"))
         assert one.objects.known == other.objects.known == {}

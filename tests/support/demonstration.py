@@ -7,9 +7,10 @@ import subprocess
 import sys
 import urllib.request
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
-from browser import Browser, all_live
+from browser import LF, Browser, Page, all_live
 from running import PATIENCE_S, ROOT, eventually, free_port
 
 ONLINE = b"<https://w3id.org/linked-fleet#presence> <https://w3id.org/linked-fleet#online>"
@@ -83,6 +84,11 @@ class Demo:
                 found[",".join(words[at + 1] for at, word in enumerate(words) if word == "--robot")] = pid
         return found
 
+    def gateway(self) -> int:
+        """Return the process of the gateway."""
+        words = {pid: Path(f"/proc/{pid}/cmdline").read_text().split("\0") for pid in self.members()}
+        return next(pid for pid, said in words.items() if "linked_fleet_gateway" in said)
+
     def interrupt(self) -> int:
         """Press Ctrl-C: every process of the group gets the signal."""
         os.killpg(self.process.pid, signal.SIGINT)
@@ -96,14 +102,21 @@ class Demo:
         self.process.wait()
 
 
+def _is_placed(browser: Browser, robot: Page) -> bool:
+    """On a busy machine the demo says where the fleet is before all robots are placed."""
+    placement = browser.page(str(robot.one(LF.placement)))
+    return (None, None, LF.unknown) not in placement.graph
+
+
 @contextlib.contextmanager
 def running_demo(folder: Path, *arguments: str) -> Iterator[Demo]:
-    """Run the demo, with six robots that send frames."""
+    """Run the demo, with six robots that send frames and are in their places."""
     demo = Demo(folder, *arguments)
     try:
         eventually(lambda: "The fleet is at" in demo.output, lambda: demo.output)
         with contextlib.closing(Browser(demo.root)) as browser:
             eventually(lambda: all_live(browser, 6), "six robots that send frames")
+            eventually(lambda: all(map(partial(_is_placed, browser), browser.robots())), "robots in their places")
         yield demo
     finally:
         demo.kill()

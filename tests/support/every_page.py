@@ -61,6 +61,8 @@ def pages_of_each_kind(browser: Browser) -> dict[str, str]:
     planned = {"order": {"mission": mission}, "rule": "FREQ=DAILY", "start": "2099-01-01T00:00", "timeZone": "UTC"}
     schedule = browser.http.post(browser.root + "schedules", json=planned)
     return {
+        "recording": eventually(lambda: _first(browser, robot.url + "recordings"), "a recording"),  # others replace it
+        "recordings": robot.url + "recordings",
         "fleet": browser.root,
         "robot": robot.url,
         "walker": browser.robot("go2").url,
@@ -91,8 +93,6 @@ def pages_of_each_kind(browser: Browser) -> dict[str, str]:
         ],
         "poses": robot.url + "poses",
         "pose": browser.http.post(robot.url + "poses", json={"title": "here"}).headers["location"],
-        "recordings": robot.url + "recordings",
-        "recording": eventually(lambda: _first(browser, robot.url + "recordings"), "a recording"),
         "camera": browser.root + "tiago/cameras/head",
         "cameras": browser.root + "tiago/cameras",
         "all cameras": browser.root + "cameras",

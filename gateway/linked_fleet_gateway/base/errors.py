@@ -31,6 +31,7 @@
     ├── Offline                     503     offline
     ├── Busy                        503     busy
     ├── RedisUnavailable            503     redis-unavailable
+    │   └── DataDamaged             503     redis-unavailable
     ├── IssuerDown                  503     issuer-away
     ├── LibraryMissing              503     library-missing
     └── AgentTimeout                504     agent-silent
@@ -375,6 +376,10 @@ class RedisUnavailable(FleetError):
 
     def __str__(self) -> str:
         return f"Redis is unavailable: {self.cause}"
+
+
+class DataDamaged(RedisUnavailable):
+    """Redis answers, and a key holds a value of another kind: its data are damaged, or another program has written."""
 
 
 class IssuerDown(FleetError):

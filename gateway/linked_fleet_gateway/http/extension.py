@@ -328,7 +328,8 @@ class Core:
         """Return a table of at most ``most`` records of the extension, which all gateways share. Enter it by ``async
         with``. ``record`` is a type that msgspec converts to and from JSON, such as a frozen ``msgspec.Struct``.
         ``on_change`` is called with id, record before and record after (None if there is none), also for changes of
-        other gateways, and for each record while the table opens.
+        other gateways, and for each record while the table opens. An extension that guards motions must open each:
+        until then motions are refused.
         """
         stored = StoredRecords(self.redis_url, self.namespace, self.extension, name, most)
         decode = msgspec.json.Decoder(record).decode

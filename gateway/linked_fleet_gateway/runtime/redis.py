@@ -15,7 +15,7 @@ from redis.asyncio.cluster import ClusterNode
 from redis.asyncio.retry import Retry
 from redis.backoff import NoBackoff
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_gateway.base.errors import DataDamaged, RedisUnavailable
 from linked_fleet_gateway.runtime.redis_exchange import Command, Exchange
 
 _log = logging.getLogger(__name__)
@@ -40,9 +40,10 @@ _UNREACHABLE = (
     exceptions.ReadOnlyError, exceptions.OutOfMemoryError, exceptions.TryAgainError, exceptions.AskError,
     OSError, TimeoutError,
 )  # fmt: skip
-# Errors without a class of their own. WRONGTYPE: a key holds a foreign value, because data are damaged or shared. The
-# last two come from a server that is no longer master.
-_NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERDOWN", "WRONGTYPE", "UNBLOCKED",
+# A key holds a foreign value, because data are damaged or shared.
+_DAMAGED = "WRONGTYPE"
+# Errors without a class of their own. The last two come from a server that is no longer master.
+_NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERDOWN", _DAMAGED, "UNBLOCKED",
             "WAIT cannot")  # fmt: skip
 # Messages of errors when writing to a connection that was just lost: from uvloop, and from redis-py, whose cluster
 # client closes all connections when one fails, including those in use.
@@ -94,7 +95,8 @@ class Connection:
         self.outage_count += 1
         self._open = False
         await _disconnect(self._client)
-        return RedisUnavailable(f"{type(error).__name__}: {error}")
+        kind = DataDamaged if str(error).startswith(_DAMAGED) else RedisUnavailable
+        return kind(f"{type(error).__name__}: {error}")
 
     async def execute(self, *command: str | bytes | int) -> Any:
         """Send one command and return its answer. Raises RedisUnavailable."""

@@ -6,7 +6,7 @@ from contextlib import aclosing, contextmanager
 from logging import Logger
 from typing import Generic, Protocol, TypeVar
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_gateway.base.errors import DataDamaged, RedisUnavailable
 from linked_fleet_gateway.runtime.background import supervised, time_sliced
 
 _T = TypeVar("_T")
@@ -38,10 +38,8 @@ class Loading:
         """Note how the body ends, which loads everything."""
         try:
             yield
-        except RedisUnavailable:
-            raise
-        except Exception:
-            self.awaits_redis = False
+        except Exception as error:
+            self.awaits_redis &= isinstance(error, RedisUnavailable) and not isinstance(error, DataDamaged)
             raise
         self.is_loaded, self.awaits_redis = True, False
 

@@ -128,6 +128,8 @@ class Table(Generic[T]):
         self._on_change, self._faults = on_change, faults or Faults()
         self._known: dict[str, T] = {}
         self._digests: dict[str, str] = {}
+        self.on_unreadable: Callable[[str], None] = lambda id: None
+        """Called with the id of a record that cannot be read, and again when it is gone."""
         self.changes = 0
         """Number of changes so far."""
         self._replica = Replica(stored.load, stored.read, self._take)
@@ -139,8 +141,15 @@ class Table(Generic[T]):
         return self._known
 
     @property
+    def unreadable(self) -> list[str]:
+        """The ids of records that are there and cannot be read. ``change`` replaces and removes them too."""
+        if len(self._digests) == len(self._known):
+            return []
+        return [id for id in self._digests if id not in self._known]
+
+    @property
     def is_loaded(self) -> bool:
-        """True once all records are known."""
+        """True once all records were read; those that cannot be understood are faults."""
         return self._replica.is_loaded
 
     @property
@@ -207,11 +216,14 @@ class Table(Generic[T]):
         before, found = self._known.get(id), digest(body)
         if before is not None and self._digests.get(id) == found:
             return  # it is known as it is
-        after = self._read(id, body)
+        after, was_there = self._read(id, body), id in self._digests
         if body is None:
             self._digests.pop(id, None)
         else:
             self._digests[id] = found
+        if before is after is None and was_there != (body is not None):
+            with self._faults.guard(self.noun, thing="on_unreadable"):
+                self.on_unreadable(id)
         if before == after:
             return
         self.changes += 1

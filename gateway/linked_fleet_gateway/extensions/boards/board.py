@@ -28,7 +28,7 @@ def read_board(body: Body) -> Board:
     if not title or not title.isprintable():
         raise UnprocessableContent("A board has a title of visible characters.")
     bases, lines = zip(*sorted(body.addresses(body.root, LF.boardLine)), strict=True)
-    return Board(title, tuple(sorted(lines)), tuple(dict.fromkeys(bases)))
+    return Board(title, tuple(sorted(set(lines))), tuple(dict.fromkeys(bases)))
 
 
 def describe_board(graph: Graph, member: Member[Board]) -> None:

@@ -8,23 +8,22 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from linked_fleet_gateway.api import (
-    RDF,
     Container,
     Core,
     Extension,
     Mount,
-    NamedNode,
     NavigationEntry,
     Resource,
     Right,
     Table,
     UnprocessableContent,
     gauge,
+    thing_at,
 )
 from linked_fleet_gateway.extensions.boards.board import Board, describe_board, read_board
 from linked_fleet_gateway.extensions.boards.terms import LF
-from linked_fleet_gateway.faces import Identity, Tree, View
-from linked_fleet_gateway.rdf.vocabulary import SOSA, VOM
+from linked_fleet_gateway.faces import Identity, Tree, View, properties_at
+from linked_fleet_gateway.rdf.vocabulary import VOM
 
 HERE = Path(__file__).parent
 SEGMENT = "boards"
@@ -83,14 +82,19 @@ async def _check(known: Mapping[str, Board], board: Board, tree: Tree, caller: I
 
 
 def _shows_number(tree: Tree, path: str) -> bool:
-    found = tree.resolve(path)
-    if not isinstance(found, Resource) or found.describe is None:
+    if not _is_measured(tree, path) or not isinstance(found := tree.resolve(path), Resource):
         return False
-    graph, iri = found.full_graph(tree.view.base), NamedNode(tree.view.base + path)
-    said = list(graph.statements)
-    scalars = {subject for subject, predicate, _ in said if predicate == VOM.numericalValue}
-    measured = (iri, RDF.type, SOSA.ObservableProperty) in graph.statements
-    return measured and any(subject == iri and value in scalars for subject, _, value in said)
+    graph, iri = found.full_graph(tree.view.base), tree.view.iri(path)
+    scalars = {subject for subject, predicate, _ in graph.statements if predicate == VOM.numericalValue}
+    return any(subject == iri and value in scalars for subject, _, value in graph.statements)
+
+
+def _is_measured(tree: Tree, path: str) -> bool:
+    """Return True for a measured property of a robot or a part of it. Other resources may be long to describe."""
+    owner, _, segment = path.rpartition("/")
+    found = thing_at(owner if owner.count("/") > 1 else owner + "/", tree.view.robots)
+    properties = [] if found is None else properties_at(tree.view.base, *found)
+    return any(each.segment == segment and each.is_measured for each in properties)
 
 
 def _is_visible(board: Board, sees: View) -> bool:

@@ -63,8 +63,8 @@ from linked_fleet_gateway.rdf.serialise import WriteError
 from linked_fleet_gateway.serving import Rendition
 
 SEGMENT = "history"
-_SPACED = 5_000
-"""Samples from which those of a page with ``every`` are chosen."""
+_SPACED = 45_000
+"""Samples from which those of a page with ``every`` are chosen: six hours of a robot that moves, on disk."""
 _SHORT, _SHORT_OF_VECTORS = 256, 16
 """Samples of a page that are read at once; a pose is computed from the positions of all joints above."""
 

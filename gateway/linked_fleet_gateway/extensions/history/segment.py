@@ -303,10 +303,16 @@ class Reader:
         if size != frame_size(of):
             raise DamagedSegmentError(f"a frame of {len(of.joints)} joints has {size} bytes")
 
-    def values(self, robot: str, begin_ns: int, end_ns: int) -> Iterator[Said]:
-        """Yield what components said from ``begin_ns`` on and before ``end_ns``, the oldest first."""
-        query = f"{_VALUES} stamp FROM value WHERE robot = ? AND stamp >= ? AND stamp < ? AND kind <> ? ORDER BY stamp"
-        yield from (_said(robot, row) for row in self._each(query, robot, begin_ns, end_ns, HELD))
+    def values(self, robot: str, begin_ns: int, end_ns: int, path: str = "") -> Iterator[Said]:
+        """Yield what components said from ``begin_ns`` on and before ``end_ns``, the oldest first.
+
+        ``path`` is that of the only property that is wanted; empty for all.
+        """
+        query = (
+            f"{_VALUES} stamp FROM value WHERE robot = ? AND stamp >= ? AND stamp < ? AND kind <> ?"
+            " AND ? IN ('', path) ORDER BY stamp"
+        )
+        yield from (_said(robot, row) for row in self._each(query, robot, begin_ns, end_ns, HELD, path))
 
     def last_values(self, robot: str, until_ns: int) -> list[Said]:
         """Return the last value of each property of components up to a time."""

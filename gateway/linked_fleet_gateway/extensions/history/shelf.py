@@ -222,18 +222,20 @@ class Shelf:
         end_ns: int,
         most: int,
         most_bytes: int = _MOST_SAID_BYTES,
+        path: str = "",
         choose: Callable[[Iterable[Said]], Iterable[Said]] = iter,
     ) -> tuple[list[Said], int | None]:
         """Return what components of a robot said from ``begin_ns`` on and before ``end_ns``, the oldest first.
 
         These are ``most``, or about ``most_bytes``, and the rest of what was said at the time of the last one. The
         second result is the stamp of the next one; None if there is none. What gateways that share the folder have
-        written twice comes once. ``choose`` leaves out others of each segment.
+        written twice comes once. ``path`` is that of the only property that is
+        wanted, empty for all; of its values ``choose`` leaves out some.
         """
         found, after = list[Said](), None
 
         def read(end_ns: int, reader: Reader) -> tuple[list[Said], int | None]:
-            return _page(choose(reader.values(robot, begin_ns, end_ns)), most, most_bytes)
+            return _page(choose(reader.values(robot, begin_ns, end_ns, path)), most, most_bytes)
 
         for file in self._known():
             more, next_ns = self._with(file, partial(read, end_ns)) or ([], None)

@@ -69,7 +69,7 @@ async def read_values(request: Request, found: Resource, recorded: RecordedValue
     given = request.query_params.multi_items()
     of = [value for name, value in given if name == "of"]
     span, archive = parse_span(each for each in given if each[0] != "of"), recorded.history.archive
-    if len(of) > 1:
+    if len(of) > 1 or "" in of:
         raise BadRequest("of is one property, by its path below the robot, such as battery/charge.")
     if span.every_ns is not None and not of:
         raise BadRequest("Values of components are told when they change, so every has a meaning only beside of.")
@@ -108,16 +108,14 @@ def _selected(shelf: Shelf, robot: str, span: Span, now_ns: int, of: str) -> tup
     last_ns = span.last_ns if span.last_ns is not None else None if span.end_ns is not None else _RECENT_NS
     begin_ns = span.begin_ns if span.begin_ns is not None else 0 if last_ns is None else max(0, now_ns - last_ns)
     end_ns = LATEST_NS if span.end_ns is None else span.end_ns
-    choose = partial(_chosen, of, span.every_ns or 0) if of else iter
-    return shelf.values(robot, begin_ns, end_ns, min(span.limit or MOST, MOST), choose=choose)
+    choose = partial(_spaced, span.every_ns) if span.every_ns else iter
+    return shelf.values(robot, begin_ns, end_ns, min(span.limit or MOST, MOST), path=of, choose=choose)
 
 
-def _chosen(of: str, every_ns: int, said: Iterable[Said]) -> Iterator[Said]:
-    """Yield what is said of one property, ``every_ns`` apart; where it becomes known or unknown is never left out."""
+def _spaced(every_ns: int, said: Iterable[Said]) -> Iterator[Said]:
+    """Yield values of one property ``every_ns`` apart; where it becomes known or unknown is never left out."""
     last: Said | None = None
     for each in said:
-        if each.path != of:
-            continue
         turns = last is None or (each.json == UNKNOWN) != (last.json == UNKNOWN)
         if turns or last is None or each.stamp_ns - last.stamp_ns >= every_ns:
             last = each

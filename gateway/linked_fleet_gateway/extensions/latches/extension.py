@@ -4,9 +4,9 @@ import asyncio
 import logging
 import time
 import uuid
-from collections.abc import AsyncIterator, Mapping, Sequence
+from collections.abc import AsyncIterator, Collection, Mapping, Sequence
 from contextlib import asynccontextmanager
-from functools import partial
+from functools import lru_cache, partial
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -52,28 +52,39 @@ class StopLatched(MotionRefused):
 
 
 class Latches:
-    """The latches as the records of their container, of which a robot has one, and the fleet one."""
+    """The latches as the records of their container, of which a robot has one, and the fleet one.
 
-    def __init__(self, table: Table[Latch]) -> None:
-        self._table, self.known = table, table.known
+    The id of a latch says of which robot it is. So one whose record cannot be read holds too, until it is reset.
+    """
+
+    def __init__(self, table: Table[Latch], robots: Collection[str]) -> None:
+        self._table, self._robots = table, robots
+
+    @property
+    def known(self) -> Mapping[str, Latch]:
+        """The latches by id."""
+        if not (unreadable := self._table.unreadable):
+            return self._table.known
+        names = {_id_of(each): each for each in (FLEET, *self._robots)}
+        return {**self._table.known, **{id: _unread(names[id]) for id in unreadable if id in names}}
 
     def of(self, robot: str) -> tuple[str, Latch] | None:
         """Return the latch that keeps a robot still, with its id; None if it may move."""
-        found = None
-        for id, each in self.known.items():
-            if each.robot == FLEET:
-                return id, each
-            if each.robot == robot:
-                found = id, each
-        return found
+        for each in (FLEET, robot):
+            id = _id_of(each)
+            if (latch := self._table.known.get(id)) is not None:
+                return id, latch
+            if id in self._table.unreadable:
+                return id, _unread(each)
+        return None
 
     async def add(self, record: Latch) -> str:
         """Add a latch and return its id; that of the known one if it says as much.
 
         Raises Conflict, RedisUnavailable, ContainerFull.
         """
-        id = str(uuid.uuid5(uuid.NAMESPACE_URL, record.path))  # of two at the same time one is there
-        while (held := self.known.get(id)) is None:
+        id = _id_of(record.robot)  # of two at the same time one is there
+        while (held := self._table.known.get(id)) is None:
             if await self._table.change(id, record):
                 return id
         if record.reason in ("", held.reason):
@@ -91,6 +102,16 @@ class Latches:
                 raise Conflict(f"This latch is about {held.path}. Post another one for {record.path}.")
             record = replace(record, by=held.by, since_ns=held.since_ns)
         return await self._table.change(id, record)
+
+
+@lru_cache(maxsize=20_000)
+def _id_of(robot: str) -> str:
+    return str(uuid.uuid5(uuid.NAMESPACE_URL, Latch(robot).path))
+
+
+def _unread(robot: str) -> Latch:
+    """Return a latch of which nothing is known but its robot."""
+    return Latch(robot, "its record cannot be read")
 
 
 class _Guard:
@@ -114,8 +135,9 @@ class _Guard:
         id, latch = found
         what = robot.name if latch.robot else "the fleet"
         why = f" ({latch.reason})" if latch.reason else ""
+        when = f" at {timestamp(latch.since_ns).value}" if latch.since_ns else ""
         detail = (
-            f"{latch.by} stopped {what} at {timestamp(latch.since_ns).value}{why}, and the stop holds. "
+            f"{latch.by or 'Somebody'} stopped {what}{when}{why}, and the stop holds. "
             f"Who may reset it deletes /{SEGMENT}/{id}."
         )
         raise StopLatched(detail, reason=f"the stop of {what} holds")
@@ -139,14 +161,15 @@ class LatchesExtension(Extension):
     async def start(self, core: Core) -> AsyncIterator[Mount]:
         cancelling = set[asyncio.Task[None]]()
         table = core.table(SEGMENT, Latch, partial(_heard, core, cancelling), _MOST)
+        table.on_unreadable = lambda id: core.mark_changed(f"/{SEGMENT}/{id}", f"/{SEGMENT}")
         async with table:
-            latches = Latches(table)
+            latches = Latches(table, core.robots)
             yield Mount(
                 branches=(_container(core.robots, latches).branch,),
                 guard=_Guard(latches),
                 services=(latches,),
                 metrics=lambda: [
-                    gauge("stop_latches", "Stops that hold until somebody resets them.", len(table.known))
+                    gauge("stop_latches", "Stops that hold until somebody resets them.", len(latches.known))
                 ],
             )
 

@@ -61,6 +61,7 @@ def describe_latch(graph: Graph, member: Member[Latch]) -> None:
     iri, latch = member.iri, member.record
     graph.add(iri, LF.latchAbout, member.view.iri(latch.path))
     graph.add(iri, LF.latchedBy, Literal(latch.by))
-    graph.add(iri, DCTERMS.created, timestamp(latch.since_ns))
+    if latch.since_ns:
+        graph.add(iri, DCTERMS.created, timestamp(latch.since_ns))
     if latch.reason:
         graph.add(iri, LF.reason, Literal(latch.reason))

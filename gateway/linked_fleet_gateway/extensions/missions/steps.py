@@ -18,6 +18,7 @@ from linked_fleet_gateway.api import (
     cancel_tasks,
     robot_of,
 )
+from linked_fleet_gateway.base.errors import NotReadYet
 from linked_fleet_gateway.extensions.missions.conditions import Conditions
 from linked_fleet_gateway.extensions.missions.mission import Invoke, Wait, step_at
 from linked_fleet_gateway.extensions.missions.progress import with_step
@@ -81,7 +82,7 @@ class Steps:
         while self._may_start(id, path, each.attempt):
             try:
                 invocation = await self._targets.invoke(id, run, path, each.attempt, step)
-            except (RedisUnavailable, Busy):  # asked again with the same key
+            except (RedisUnavailable, NotReadYet, Busy):  # asked again with the same key
                 await asyncio.sleep(RETRY_S)
                 continue
             except FleetError as error:

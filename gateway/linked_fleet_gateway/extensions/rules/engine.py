@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
-from linked_fleet_gateway.api import cancel_tasks, robot_of, supervised
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, RedisUnavailable
+from linked_fleet_gateway.api import Invocation, cancel_tasks, robot_of, supervised
+from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, NotReadYet, RedisUnavailable
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly
 from linked_fleet_gateway.extensions.rules.causes import (
@@ -45,6 +45,7 @@ SHARE = 4
 _LONGEST = 1_000  # characters of a reason
 
 Note = Callable[[Rule, int, Firing], None]
+_PATIENCE_S, _RETRY_S = 30.0, 0.5  # with a gateway that has just begun
 
 
 class Select(Protocol):
@@ -344,7 +345,8 @@ class Engine:
             path = action_path(rule, row, self._bases)
             robot = self._live.fleet.robots.get(robot_of(path) or "")
             before = None if robot is None else state_of(robot, invocations)
-            invocation = await invoke(self._carry_out, tree, rule, path, creator, number, row, moments)
+            carry_out = partial(invoke, self._carry_out, tree, rule, path, creator, number, row, moments)
+            invocation = await _once_ready(carry_out)
         except AgentTimeout as error:
             path = error.headers.get("location", "")
             return replace(firing, state=FiringState.UNKNOWN, invocation=path, reason=str(error)[:_LONGEST])
@@ -361,3 +363,15 @@ class Engine:
 def target_robot(rule: Rule, firing: Firing) -> str:
     """Return the robot that a firing concerned, or an empty string."""
     return robot_of(firing.invocation or rule.invokes) or ""
+
+
+async def _once_ready(carry_out: Callable[[], Awaitable[Invocation]]) -> Invocation:
+    """Invoke an action, also one that a gateway that has just begun cannot judge yet. Raises FleetError."""
+    until_s = time.monotonic() + _PATIENCE_S
+    while True:
+        try:
+            return await carry_out()
+        except NotReadYet:
+            if time.monotonic() > until_s:
+                raise
+            await asyncio.sleep(_RETRY_S)

@@ -2,6 +2,7 @@
 
 import uPlot from "uplot";
 
+import { isCurrent, onCurrency } from "../../pages/scripts/src/agent_clock.js";
 import { number } from "../../pages/scripts/src/format.js";
 import { key } from "../../pages/scripts/src/ntriples.js";
 import { broken, past } from "../../pages/scripts/src/past.js";
@@ -14,9 +15,14 @@ import { lf, NUMERICAL_VALUE, segments, UNIT, unitSymbol } from "../../pages/scr
 
 const LIVE_S = SPANS_S.at(-1);
 const PERIOD_MS = 200;
-const AT_MOST = 500; // requests of the past are as far apart as a point is wide
-const LEAST_PAUSE_S = 5;
-const AWAY = 3; // samples that are missing
+const SLOW_MS = 1000; // for who prefers less motion
+const SPOKEN_MS = 2000;
+const AGAIN_S = LIVE_S * 0.8; // live values cover what is newer than the history that was fetched
+const MISSING = 3 / 500; // of a span without samples: there was none
+const AHEAD_S = 1;
+const STEP_S = 0.001; // times of a line differ, or two lines could not be in one table
+const CLOSER = 0.5;
+const DASHES = [[], [6, 4], [2, 3]];
 
 /** @typedef {[number[], (number | null | undefined)[]]} Data */
 
@@ -27,7 +33,6 @@ export function start(/** @type {HTMLElement} */ section) {
 class Board {
   constructor(/** @type {HTMLElement} */ section) {
     this.place = /** @type {HTMLElement} */ (section.querySelector(".board-charts"));
-    this.span = 60;
     /** @type {[number, number] | undefined} the times that somebody looks at */
     this.zoom = undefined;
     /** @type {Map<string, Line>} */
@@ -35,6 +40,7 @@ class Board {
     /** @type {Map<string, Chart>} by unit */
     this.charts = new Map();
     const span = /** @type {HTMLSelectElement} */ (section.querySelector("select[name=span]"));
+    this.span = Number(span.value);
     span.addEventListener("change", () => {
       this.span = Number(span.value);
       this.look(undefined);
@@ -42,24 +48,37 @@ class Board {
     });
     this.follow = /** @type {HTMLButtonElement} */ (section.querySelector("button[data-follow]"));
     this.follow.addEventListener("click", () => this.look(undefined));
+    for (const [name, share] of [["closer", CLOSER], ["wider", 1 / CLOSER]]) section.querySelector(`button[data-${name}]`)?.addEventListener("click", () => this.widen(Number(share)));
     adopt(() => this.collect());
-    setInterval(() => document.hidden || this.draw(), PERIOD_MS);
+    let current = isCurrent();
+    onCurrency(() => {
+      if (current === isCurrent()) return;
+      current = isCurrent();
+      for (const line of this.lines.values()) line.series?.turn();
+    });
+    const slow = matchMedia("(prefers-reduced-motion: reduce)");
+    let drawn = 0;
+    setInterval(() => {
+      const now = Date.now();
+      if (document.hidden || (slow.matches && now - drawn < SLOW_MS)) return;
+      drawn = now;
+      this.draw();
+    }, PERIOD_MS);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.arrange());
   }
 
   /** Take the lines of the list, which changes when somebody changes the board. */
   collect() {
     const rows = new Map([...document.querySelectorAll(".board-lines [data-line]")].map((each) => [each.getAttribute("data-line") ?? "", each]));
-    for (const [iri, line] of this.lines) {
-      if (rows.has(iri)) continue;
-      line.end();
-      this.lines.delete(iri);
-    }
+    for (const [iri, line] of this.lines) if (!rows.has(iri)) line.end();
     const ordered = [...rows].map(([iri, row], index) => {
       const line = this.lines.get(iri) ?? new Line(iri, this);
       line.row = row;
       line.colour = COLOURS[index % COLOURS.length];
-      /** @type {HTMLElement} */ (row.querySelector("i")).style.setProperty("--colour", line.colour);
+      line.dash = DASHES[Math.floor(index / COLOURS.length) % DASHES.length];
+      const mark = /** @type {HTMLElement} */ (row.querySelector("i"));
+      mark.style.setProperty("--colour", line.colour);
+      mark.dataset.dash = String(DASHES.indexOf(line.dash));
       return /** @type {[string, Line]} */ ([iri, line]);
     });
     this.lines = new Map(ordered);
@@ -81,13 +100,25 @@ class Board {
     this.draw();
   }
 
-  draw() {
+  /** Look at a part or a multiple of the time that is shown, up to its end. */
+  widen(/** @type {number} */ share) {
+    const [min, max] = this.window();
+    this.look([max - (max - min) * share, max]);
+  }
+
+  /** @returns {[number, number]} the times that are shown */
+  window() {
+    if (this.zoom) return this.zoom;
     const lines = [...this.lines.values()];
     const now = Math.max(...lines.map((each) => each.now ?? -Infinity));
-    const newest = Math.max(...lines.map((each) => each.newest));
-    const end = Number.isFinite(now) ? now : newest;
-    const [min, max] = this.zoom ?? [end - this.span, end];
-    const ending = this.zoom ? new Date(max * 1000).toLocaleTimeString() : Number.isFinite(now) ? "now" : "last";
+    const end = Number.isFinite(now) ? now : Math.max(...lines.map((each) => each.newest));
+    return [end - this.span, end];
+  }
+
+  draw() {
+    const [min, max] = this.window();
+    const isLive = isCurrent() && [...this.lines.values()].some((each) => each.now !== undefined);
+    const ending = this.zoom ? new Date(max * 1000).toLocaleTimeString(document.documentElement.lang) : isLive ? say("now") : say("last");
     for (const chart of this.charts.values()) chart.draw(min, max, ending);
   }
 }
@@ -100,6 +131,8 @@ class Line {
     /** @type {Element | undefined} */
     this.row = undefined;
     this.colour = "";
+    /** @type {number[]} */
+    this.dash = [];
     /** @type {string | undefined} */
     this.unit = undefined;
     /** @type {Series | undefined} */
@@ -108,10 +141,12 @@ class Line {
     this.far = [[], []];
     this.offline = false;
     const robot = new URL(`/${new URL(iri).pathname.split("/")[1]}/`, iri).href;
+    const gone = () => this.meet(true);
     this.ends = [
-      watch(iri, {}, (graph) => this.take(graph)),
-      watch(robot, { depth: "this", interval: 0.5 }, (graph) => this.meet(graph.value(robot, lf("presence"))?.value === lf("offline"))),
+      watch(iri, { isAside: true, onGone: gone }, (graph) => this.take(graph)),
+      watch(robot, { isAside: true, onGone: gone, depth: "this", interval: 0.5 }, (graph) => this.meet(graph.value(robot, lf("presence"))?.value === lf("offline"))),
     ];
+    this.reach(board.span);
   }
 
   /** @param {import("../../pages/scripts/src/ntriples.js").Graph} graph */
@@ -139,44 +174,55 @@ class Line {
     this.series?.fill(LIVE_S);
   }
 
-  /** Fetch what the history has of the time, again and again if that is long. */
+  /** Fetch what the history has of more than the last minutes, and again before live values do not reach so far back. */
   async reach(/** @type {number} */ spanS) {
     clearTimeout(this.timer);
-    this.far = [[], []];
+    if (spanS !== this.reached) this.far = [[], []];
+    this.reached = spanS;
     if (spanS <= LIVE_S || this.ended) return;
+    this.timer = setTimeout(() => this.reach(spanS), AGAIN_S * 1000);
+    if (document.hidden) return;
     try {
       const found = await past(this.iri, spanS);
-      if (spanS !== this.board.span) return;
-      const { times, columns } = broken(found?.table ?? { names: [], times: [], columns: [] }, (AWAY * spanS) / AT_MOST);
+      if (!found || spanS !== this.reached) return;
+      const { times, columns } = broken(found.table, MISSING * spanS);
       this.far = [times, columns[0] ?? []];
+      this.board.draw();
     } catch (error) {
       console.debug("there is no past to be drawn:", error);
     }
-    if (spanS !== this.board.span) return;
-    this.timer = setTimeout(() => this.reach(spanS), Math.max(LEAST_PAUSE_S, spanS / AT_MOST) * 1000);
-    this.board.draw();
+  }
+
+  /** How far the agent's clock is ahead of that of this page, in seconds; otherwise its values would be in the future. */
+  get ahead() {
+    const ahead = (this.series?.clock.ahead ?? -Infinity) - (Date.now() - performance.now()) / 1000;
+    return ahead > AHEAD_S ? ahead : 0;
   }
 
   /** @returns {Data} */
   data() {
-    if (this.board.span > LIVE_S) return this.far;
-    if (!this.series) return [[], []];
-    return /** @type {Data} */ (this.offline ? [this.series.times, this.series.values] : this.series.known());
+    /** @type {Data} */
+    const near = !this.series ? [[], []] : this.offline ? [this.series.times, this.series.values] : /** @type {Data} */ (this.series.known());
+    const [times, values] = this.board.span > LIVE_S ? joined(this.far, near) : near;
+    const { ahead } = this;
+    return [times.map((time) => time - ahead), values];
   }
 
-  /** The present of its robot; undefined while that is away. */
+  /** The present; undefined while the robot is away. */
   get now() {
-    return this.offline ? undefined : this.series?.clock.now;
+    return this.offline || !isCurrent() || this.series?.clock.now === undefined ? undefined : Date.now() / 1000;
   }
 
   get newest() {
-    return this.series?.times.at(-1) ?? this.far[0].at(-1) ?? -Infinity;
+    return (this.series?.times.at(-1) ?? this.far[0].at(-1) ?? -Infinity) - this.ahead;
   }
 
-  /** Show a number beside the name, or that there is none. */
+  /** Show a number beside the name, or why there is none. */
   show(/** @type {number | null | undefined} */ value) {
-    const output = this.row?.querySelector("output");
-    if (output) output.textContent = Number.isFinite(value) ? `${number(/** @type {number} */ (value), this.unit)} ${this.unit}`.trim() : this.offline ? say("offline") : "–";
+    const shown = this.row?.querySelector("data");
+    if (!shown) return;
+    const text = Number.isFinite(value) ? `${number(/** @type {number} */ (value), this.unit)} ${this.unit}`.trim() : this.offline ? say("offline") : "–";
+    if (shown.textContent !== text) shown.textContent = text;
   }
 
   end() {
@@ -184,6 +230,13 @@ class Line {
     clearTimeout(this.timer);
     for (const end of this.ends) end();
   }
+}
+
+/** Return a longer past, with the live values that are newer. @returns {Data} */
+function joined(/** @type {Data} */ [times, values], /** @type {Data} */ [newTimes, newValues]) {
+  const end = times.at(-1) ?? -Infinity;
+  const first = newTimes.findIndex((time) => time > end);
+  return first < 0 ? [times, values] : [[...times, ...newTimes.slice(first)], [...values, ...newValues.slice(first)]];
 }
 
 /** Return the predicate that leads to the number of a property, and its unit. */
@@ -204,6 +257,9 @@ class Chart {
   constructor(board, unit, lines) {
     this.board = board;
     this.lines = lines;
+    this.unit = unit;
+    this.spoken = -Infinity;
+    this.inSight = true;
     this.figure = document.createElement("figure");
     const caption = document.createElement("figcaption");
     caption.textContent = unit ? say("in {unit}", { unit }) : say("without a unit");
@@ -217,6 +273,8 @@ class Chart {
     this.chart = new uPlot(this.options(), /** @type {import("uplot").AlignedData} */ ([[], ...lines.map(() => [])]), this.canvas);
     this.sizes = new ResizeObserver(() => this.fit());
     this.sizes.observe(this.canvas);
+    this.sight = new IntersectionObserver((entries) => (this.inSight = entries.at(-1)?.isIntersecting ?? true));
+    this.sight.observe(this.canvas);
   }
 
   /** @returns {import("uplot").Options} */
@@ -234,7 +292,7 @@ class Chart {
       },
       padding: [8, 16, 0, 0],
       scales: { x: { time: false }, y: { range: (_, low, high) => room(low, high) } },
-      series: [{}, ...this.lines.map(({ colour }) => ({ stroke: colour, width: 1.5, points: { show: false } }))],
+      series: [{}, ...this.lines.map(({ colour, dash }) => ({ stroke: colour, dash, width: 1.5, points: { show: false } }))],
       axes: axes(),
       hooks: {
         setSelect: [
@@ -260,13 +318,14 @@ class Chart {
 
   draw(/** @type {number} */ min, /** @type {number} */ max, /** @type {string} */ ending) {
     const tables = this.lines.map((each) => each.data());
-    const joined = uPlot.join(/** @type {any} */ (tables));
+    const latest = tables.map(([, values]) => values.at(-1));
+    if (!this.pointed) this.lines.forEach((line, index) => line.show(isCurrent() ? latest[index] : undefined));
+    this.speak(latest);
+    if (!this.inSight || !Number.isFinite(max)) return;
     /** @type {any} */ (this.chart).ending = ending;
-    this.chart.setData(joined, false);
-    if (Number.isFinite(max)) this.chart.setScale("x", { min, max });
-    this.figure.dataset.points = String(joined[0].length);
-    if (!this.pointed) this.lines.forEach((line, index) => line.show(last(tables[index][1])));
-    this.speak();
+    this.chart.setData(uPlot.join(/** @type {any} */ (tables.map((each) => within(each, min)))), false);
+    this.chart.setScale("x", { min, max });
+    this.figure.dataset.points = String(this.chart.data[0].length);
   }
 
   /** Show what was measured under the pointer; without a pointer, what is measured now. */
@@ -276,21 +335,29 @@ class Chart {
     this.lines.forEach((line, at) => line.show(before(this.chart.data[at + 1], /** @type {number} */ (index))));
   }
 
-  speak() {
-    const names = this.lines.map(({ iri }) => segments(iri).join(" ")).join(", ");
-    const text = say("{value}, last {span} s", { value: names, span: this.board.span });
+  /** Tell what is drawn to those who do not see it, not more often than they can hear it. */
+  speak(/** @type {(number | null | undefined)[]} */ latest) {
+    if (performance.now() - this.spoken < SPOKEN_MS) return;
+    this.spoken = performance.now();
+    const told = this.lines.map(({ iri, unit }, index) => `${segments(iri).join(" ")} ${Number.isFinite(latest[index]) ? `${number(/** @type {number} */ (latest[index]), unit)} ${unit}` : "–"}`);
+    const text = say("{value}, last {span} s", { value: told.join(", "), span: this.board.span });
     if (this.canvas.getAttribute("aria-label") !== text) this.canvas.setAttribute("aria-label", text);
   }
 
   end() {
     this.sizes.disconnect();
+    this.sight.disconnect();
     this.chart.destroy();
     this.figure.remove();
   }
 }
 
-function last(/** @type {(number | null | undefined)[]} */ values) {
-  return values.at(-1);
+/** Return the points from right before a time on. @returns {Data} */
+function within(/** @type {Data} */ [times, values], /** @type {number} */ min) {
+  const first = Math.max(0, times.findIndex((time) => time >= min) - 1);
+  let last = -Infinity;
+  const ascending = times.slice(first).map((time) => (last = Math.max(time, last + STEP_S)));
+  return [ascending, values.slice(first)];
 }
 
 /** Return the value at a time: points of other lines between two points of a line have none of their own. */

@@ -14,7 +14,8 @@ const LINE = lf("boardLine");
 export function start() {
   /** @type {HTMLFormElement | null} */
   const form = document.querySelector("form[data-board-form]");
-  if (form) choose(form).catch((error) => tell(form, say("This cannot be loaded: {message}", { message: error.message })));
+  const may = document.body.dataset.may?.split(" ");
+  if (form && (!may || may.includes("act") || may.includes("admin"))) choose(form);
   /** @type {HTMLElement | null} */
   const board = document.querySelector("section[data-board]");
   if (!board) return;
@@ -29,15 +30,17 @@ export function start() {
 }
 
 /** Offer robots and their values, and save what is chosen. */
-async function choose(/** @type {HTMLFormElement} */ form) {
+function choose(/** @type {HTMLFormElement} */ form) {
+  const failed = (error) => tell(form, say("This cannot be loaded: {message}", { message: error.message }));
   const { root = "/" } = document.body.dataset;
   const robot = /** @type {HTMLSelectElement} */ (form.elements.namedItem("robot"));
   const value = /** @type {HTMLSelectElement} */ (form.elements.namedItem("value"));
   const offer = async () => {
     const chosen = robot.value;
+    const before = value.selectedOptions[0]?.text;
+    value.replaceChildren(); // those of another robot must not be saved
     const found = chosen ? (await fetchValues(`${root}query`, chosen)).filter(({ text }) => !text) : [];
     if (chosen !== robot.value) return; // another one was chosen meanwhile
-    const before = value.selectedOptions[0]?.text;
     value.replaceChildren(...found.map(({ name, resource }) => new Option(name, resource)));
     const same = [...value.options].find(({ text }) => text === before); // the same of another robot
     if (same) same.selected = true;
@@ -46,9 +49,12 @@ async function choose(/** @type {HTMLFormElement} */ form) {
     event.preventDefault();
     save(form, value.value);
   });
-  robot.addEventListener("change", offer);
-  robot.replaceChildren(...(await fetchRobots(root)).map(({ iri, title }) => new Option(title, iri)));
-  await offer();
+  robot.addEventListener("change", () => offer().catch(failed));
+  const begin = async () => {
+    robot.replaceChildren(...(await fetchRobots(root)).map(({ iri, title }) => new Option(title, iri)));
+    await offer();
+  };
+  begin().catch(failed);
 }
 
 async function save(/** @type {HTMLFormElement} */ form, /** @type {string} */ line) {
@@ -63,6 +69,7 @@ async function save(/** @type {HTMLFormElement} */ form, /** @type {string} */ l
 
 async function remove(/** @type {string} */ board, button) {
   const { line } = button.closest("[data-line]").dataset;
+  if (document.querySelectorAll("[data-line]").length === 1) return notice(say("A board has at least one line. Delete the board instead."));
   button.blur(); // otherwise the list would wait for it to lose the focus
   const { problem } = await change(board, (lines) => lines.filter((each) => each !== line));
   if (problem) notice(`${problem.title}. ${problem.detail}`);

@@ -20,28 +20,31 @@ async function said(iri, spanS) {
   const [, robot, ...below] = pathname.split("/");
   const record = `${origin}/${robot}/history/values`;
   const of = `of=${encodeURIComponent(below.map(decodeURIComponent).join("/"))}`;
-  const begin = new Date(Date.now() - spanS * 1000).toISOString();
+  const after = await fetchSaid(`${record}?${of}&last=PT${spanS}S&every=PT${Math.max(EVERY_S, spanS / MOST_POINTS)}S`);
+  if (!after) return undefined;
+  const begin = new Date(after.askedMs - spanS * 1000).toISOString();
   const before = await fetchSaid(`${record}?${of}&at=${encodeURIComponent(begin)}`);
-  const after = before && (await fetchSaid(`${record}?${of}&from=${encodeURIComponent(begin)}&every=PT${Math.max(EVERY_S, spanS / MOST_POINTS)}S`));
-  if (!after?.length && !before?.length) return undefined;
-  const all = [...(before ?? []).map(([, value]) => [Date.parse(begin) / 1000, value]), ...(after ?? [])];
+  const all = [...(before?.rows ?? []).map(([, value]) => [Date.parse(begin) / 1000, value]), ...after.rows];
+  if (!all.length) return undefined;
   return { iri: record, table: { names: ["value"], times: all.map(([time]) => time), columns: [all.map(([, value]) => value)], held: true } };
 }
 
-/** Return times and numbers; undefined if nothing is kept. */
+/** Return times and numbers, and when they were asked for by the clock of the gateway; undefined if nothing is kept. */
 async function fetchSaid(/** @type {string | undefined} */ next) {
-  const found = [];
+  const rows = [];
+  let askedMs = Date.now();
   for (let page = 0; next && page < MOST_PAGES; page++) {
     const answer = await fetch(next, { headers: { Accept: "text/csv" }, signal: AbortSignal.timeout(LONGEST_MS) });
-    if (!answer.ok) return page ? found : undefined;
+    if (!answer.ok) return page ? { rows, askedMs } : undefined;
+    if (!page) askedMs = Date.parse(answer.headers.get("date") ?? "") || askedMs;
     const [, ...lines] = (await answer.text()).split(/\r?\n/);
     for (const [time, , , value] of lines.filter(Boolean).map((each) => each.split(","))) {
       const number = value === "null" || value === "" ? NaN : Number(value);
-      found.push([Date.parse(time) / 1000, Number.isFinite(number) ? number : null]);
+      rows.push([Date.parse(time) / 1000, Number.isFinite(number) ? number : null]);
     }
     next = linksOf(answer).find(({ relation }) => relation === "next")?.target;
   }
-  return found;
+  return { rows, askedMs };
 }
 
 /** @returns {Promise<string|undefined>} where the history of a measured property is, if it is remembered */

@@ -1,6 +1,7 @@
 """Stops that hold: who may latch and reset, what is refused meanwhile, and that gateways share them."""
 
 import asyncio
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,10 +14,11 @@ from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_a
 from browser import LDP, LF, Browser
 from fake_robots import FakeRobot, open_session
 from gateway_group import Gateway, two_with_an_arm
-from linked_fleet_gateway.api import Core, Invocation
-from linked_fleet_gateway.extensions.latches.extension import _heard
+from linked_fleet_gateway.api import Core, Invocation, Motion, Table
+from linked_fleet_gateway.extensions.latches.extension import Latches, StopLatched, _Guard, _heard
 from linked_fleet_gateway.extensions.latches.latch import Latch
 from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_gateway.identity.rights import ALL as ALL_ROBOTS
 from parallel import at_once
 from redis_servers import Servers
 from running import eventually
@@ -184,3 +186,18 @@ async def test_what_began_before_a_gateway_heard_of_a_latch_is_cancelled() -> No
     _heard(core, tasks, "1", None, Latch("a", since_ns=S))
     await asyncio.gather(*tasks)
     assert cancelled == ["after"]
+
+
+async def test_a_stop_whose_record_cannot_be_read_holds_until_it_is_reset() -> None:
+    """Its id says of which robot it is."""
+    ids = [str(uuid.uuid5(uuid.NAMESPACE_URL, path)) for path in ("/a/", "/gone/")]
+    table = SimpleNamespace(known={}, unreadable=ids)
+    latches = Latches(cast(Table[Latch], table), ["a", "b"])
+    assert {id: each.robot for id, each in latches.known.items()} == {ids[0]: "a"}
+    guard = _Guard(latches)
+    motions = [cast(Motion, SimpleNamespace(robot=SimpleNamespace(name=each))) for each in "ab"]
+    with pytest.raises(StopLatched, match=f"cannot be read.*/stopLatches/{ids[0]}"):
+        await guard.check_path(motions[0], ALL_ROBOTS, "")
+    assert (await guard.check_path(motions[1], ALL_ROBOTS, "")).free
+    table.unreadable.remove(ids[0])
+    assert (await guard.check_path(motions[0], ALL_ROBOTS, "")).free

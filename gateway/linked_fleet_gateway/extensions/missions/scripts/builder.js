@@ -3,7 +3,7 @@
 import { say } from "../../pages/scripts/src/say.js";
 import { send } from "../../pages/scripts/src/request.js";
 import { button, element, field } from "../../pages/scripts/src/elements.js";
-import { fetchActions, fetchRobots } from "../../pages/scripts/src/fleet_offer.js";
+import { fetchActions, fetchKinds, fetchRobots } from "../../pages/scripts/src/fleet_offer.js";
 import { fetchMissions, homeOf } from "./mission_offer.js";
 import { KINDS, at, copyOf, emptyMission, find, fresh, groupsOf, holdsSteps, insert, jsonOf, missionOf, move, placeFor, remove, rename } from "./mission_tree.js";
 import { Outline, placeInWords } from "./outline.js";
@@ -289,6 +289,13 @@ export class Builder {
       asked.catch(() => this.offers.delete(home));
     }
     return this.offers.get(home);
+  }
+
+  /** Return the kinds of actions that a thing may have which a parameter names. */
+  kinds() {
+    this.kindsOfActions ??= fetchKinds(this.query, this.root);
+    this.kindsOfActions.catch(() => (this.kindsOfActions = undefined));
+    return this.kindsOfActions;
   }
 
   /** Show the robot of an action beside the outline. */

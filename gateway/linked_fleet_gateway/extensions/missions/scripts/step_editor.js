@@ -7,9 +7,12 @@ import { homeOf } from "./mission_offer.js";
 import { KINDS, groupsOf, variablesOf } from "./mission_tree.js";
 import { stepButtons } from "./outline.js";
 import { nameOf } from "./summary.js";
+import { localName, words } from "../../pages/scripts/src/vocabulary.js";
 
 const BRANCHES = ["sequence", "parallel", "firstOf"];
 const NAME = "[A-Za-z_][A-Za-z0-9_]*";
+// Before the name of a parameter in the choice of robots, where others are IRIs.
+const VARIABLE = "?";
 
 export class StepEditor {
   /**
@@ -109,65 +112,77 @@ export class StepEditor {
 
   invoke(turn) {
     const { said } = this.node;
-    if (said.kind || said.triples) return this.raw(say("This step says more than this page has fields for."));
-    const { root, missions, robots } = this.builder;
-    const home = said.action ? homeOf(said.action, root, missions) : this.builder.lastRobot;
-    const things = [["", "–"], ...robots.map(({ iri, title }) => [iri, title]), [root, say("The fleet")], [missions, say("Another mission")]];
+    if (said.triples || (said.of && !said.of.variable)) return this.raw(say("This step says more than this page has fields for."));
+    const { root, missions, robots, mission } = this.builder;
+    const home = said.action ? homeOf(said.action, root, missions) : said.of ? VARIABLE + said.of.variable : this.builder.lastRobot;
+    const named = mission.parameters.filter(({ type, name }) => type === "iri" && name).map(({ name }) => [VARIABLE + name, say("what {name} names", { name })]);
+    const things = [["", "–"], ...named, ...robots.map(({ iri, title }) => [iri, title]), [root, say("The fleet")], [missions, say("Another mission")]];
     if (home && !things.some(([iri]) => iri === home)) things.push([home, home]);
     const robot = choice(/** @type {any} */ (things), home ?? "");
     const action = element("select", { disabled: true });
+    robot.dataset.said = "of";
     robot.addEventListener("change", () => {
-      this.say("action", undefined);
-      this.say("body", undefined);
-      this.builder.lastRobot = robot.value;
+      const variable = variableIn(robot.value);
+      for (const each of ["action", "kind", "body"]) this.say(each, undefined);
+      this.say("of", variable && { variable });
+      if (!variable) this.builder.lastRobot = robot.value;
+      action.dataset.said = variable ? "kind" : "action";
       this.form = undefined;
       this.formPlace.replaceChildren();
       this.offer(action, robot.value, this.shown);
     });
     action.addEventListener("change", () => {
       this.say("body", undefined);
-      this.say("action", action.value || undefined);
+      this.say(variableIn(robot.value) ? "kind" : "action", action.value || undefined);
       this.showForm(this.shown);
     });
-    action.dataset.said = "action";
+    action.dataset.said = said.of ? "kind" : "action";
     this.formPlace = element("div", { className: "action-form" });
     this.input.append(element("div", { className: "fields" }, field(say("Robot"), robot), field(say("Action"), action)), this.formPlace);
     this.offer(action, robot.value, turn);
-    if (said.action) this.showForm(turn);
+    if (said.action || said.kind) this.showForm(turn);
   }
 
   async offer(select, home, turn) {
+    this.home = home;
     select.disabled = true;
     select.replaceChildren(new Option(home ? "…" : say("choose a robot first"), ""));
     if (!home) return;
     try {
-      const offered = await this.builder.offeredBy(home);
-      if (turn !== this.shown) return;
-      select.replaceChildren(new Option(say("choose one"), ""), ...grouped(offered));
+      const options = variableIn(home) ? (await this.builder.kinds()).map(({ kind, name }) => new Option(name, kind)) : grouped(await this.builder.offeredBy(home));
+      if (turn !== this.shown || home !== this.home) return;
+      select.replaceChildren(new Option(say("choose one"), ""), ...options);
     } catch (error) {
       if (turn !== this.shown) return;
       select.replaceChildren(new Option(say("none could be loaded"), ""));
       this.formPlace.replaceChildren(wrong(say("The actions cannot be loaded: {message}", { message: error.message })), button(say("Try again"), () => this.offer(select, home, this.shown)));
     }
-    const { action } = this.node.said;
-    if (action && ![...select.options].some(({ value }) => value === action)) select.add(new Option(nameOf(action), action));
-    select.value = action ?? "";
+    const { action, kind } = this.node.said;
+    const chosen = action ?? kind ?? "";
+    if (chosen && ![...select.options].some(({ value }) => value === chosen)) select.add(new Option(action ? nameOf(action) : words(localName(chosen)), chosen));
+    select.value = chosen;
     select.disabled = false;
   }
 
   async showForm(turn) {
-    const { action, body } = this.node.said;
-    if (!action) return this.formPlace.replaceChildren();
+    const { action: own, kind, body } = this.node.said;
+    if (!own && !kind) return this.formPlace.replaceChildren();
     this.formPlace.replaceChildren(element("p", { className: "hint" }, "…"));
+    const isChosen = () => turn === this.shown && this.node.said.action === own && this.node.said.kind === kind;
     let form;
+    let action = own;
     try {
+      // The form is that of one thing with such an action. Limits of others differ, and are checked when the mission runs.
+      action ??= (await this.builder.kinds()).find((each) => each.kind === kind)?.action;
+      if (!action) throw new Error(say("no robot that is here has such an action"));
       form = await fetchInput(action);
     } catch (error) {
-      if (turn === this.shown && this.node.said.action === action) this.raw(say("The form of this action cannot be loaded: {message}", { message: error.message }));
+      if (isChosen()) this.raw(say("The form of this action cannot be loaded: {message}", { message: error.message }));
       return;
     }
-    if (turn !== this.shown || this.node.said.action !== action) return;
-    this.builder.look(action);
+    if (!isChosen()) return;
+    if (own) this.builder.look(action);
+    else unlimited(form);
     if (!hasFields(form)) return this.formPlace.replaceChildren(element("p", { className: "hint" }, say("It takes no input.")));
     this.form = form;
     form.setAttribute("aria-label", say("Input of {nameOf}", { nameOf: nameOf(action) }));
@@ -227,6 +242,16 @@ export class StepEditor {
     for (const { member } of left) this.place.querySelector(`[data-said="${CSS.escape(member ?? "-")}"]`)?.setAttribute("aria-invalid", "true");
     if (left.length) this.place.querySelector("h2").after(element("div", { className: "wrong" }, ...left.map(({ message }) => wrong(message))));
   }
+}
+
+/** Take the limits of one thing from a form, which others need not have. */
+function unlimited(/** @type {HTMLFormElement} */ form) {
+  for (const each of form.querySelectorAll("input")) for (const name of ["data-limits", "min", "max"]) each.removeAttribute(name);
+  form.querySelectorAll(".range").forEach((each) => each.remove());
+}
+
+function variableIn(/** @type {string} */ chosen) {
+  return chosen.startsWith(VARIABLE) ? chosen.slice(VARIABLE.length) : undefined;
 }
 
 function grouped(offered) {

@@ -1,6 +1,7 @@
 """Tasks of an operator on a desktop and on a phone, counted in clicks or taps, and in drags."""
 
 import re
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -142,10 +143,11 @@ def test_a_thousand_robots_can_be_searched(thousand: tuple[Client, list[FakeRobo
     eventually(lambda: page.evaluate(CARDS) == THOUSAND, "a thousand cards")
     assert thread.busy_s() < 2.0
     assert _share(page, thread) < 0.3
-    before = thread.busy_s()
+    before, begun_s = thread.busy_s(), time.monotonic()
     page.locator("#filter-text").fill("robot-09 robot")
     expect(page.locator("#shown")).to_have_text(f"100 of {THOUSAND} shown")
-    assert thread.busy_s() - before < 0.8
+    meanwhile = 0.3 * (time.monotonic() - begun_s)  # what comes from the robots, as above
+    assert thread.busy_s() - before - meanwhile < 0.8
     for actor in actors[900:905]:
         actor.leave()
     page.get_by_label("Presence").select_option("offline")

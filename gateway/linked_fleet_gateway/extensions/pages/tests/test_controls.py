@@ -198,6 +198,18 @@ def test_what_the_holder_of_control_alone_may_do(
     expect(page.locator("form.invoke p.closed")).to_have_count(0)
 
 
+def test_control_is_taken_and_given_back_on_its_own_page(page: Page, watched: object, client: Client) -> None:
+    lease = str(client.robot("ur5").one(LF.lease))
+    page.goto(lease)
+    panel = page.locator("#control")
+    expect(panel.locator(".holder")).to_have_text("Nobody has it.")
+    panel.get_by_role("button", name="Take control").click()
+    expect(panel.locator(".holder")).to_have_text("You have control.")
+    assert client.page(lease).one(LF.holder)
+    panel.get_by_role("button", name="Give back").click()
+    expect(panel.locator(".holder")).to_have_text("Nobody has it.")
+
+
 def test_to_keep_and_to_delete_are_told_apart(page: Page, watched: object, client: Client) -> None:
     """By their distance and their colour."""
     objects = str(client.page(str(client.page(client.root).one(LF.world))).one(LF.objects))

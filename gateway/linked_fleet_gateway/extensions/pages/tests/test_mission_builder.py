@@ -6,11 +6,13 @@ import pytest
 from playwright.sync_api import Page, expect
 
 from accessibility import violations_in_both_schemes
+from browser import LDP, LF
 from browser import Browser as Client
 from page_user import PageUser
 from running import eventually
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
+JSON = {"accept": "application/json"}
 
 
 def add(operator: PageUser, kind: str) -> None:
@@ -84,6 +86,35 @@ def test_a_mission_is_built_and_run(operator: PageUser, client: Client) -> None:
     expect(page.locator(".run-steps li:has(.times)")).to_have_count(4)
     expect(page.locator(".run-steps .times").first).to_contain_text(re.compile(r"\d s"))
     operator.forgive("422")
+
+
+def test_a_step_acts_on_the_robot_that_a_parameter_names(operator: PageUser, client: Client) -> None:
+    """By its kind: whoever runs the mission says which robot it is."""
+    page, answer = operator.page, operator.page.locator("#builder .builder-head .answer")
+    page.goto(client.root + "missions")
+    operator.press(page.get_by_role("link", name="New mission"))
+    fill(page, "Title of the mission", "Whoever")
+    operator.press(page.get_by_role("button", name="Add a parameter"))
+    fill(page, "Name of value1", "who")
+    page.get_by_label("Type of").select_option("thing")
+    add(operator, "Do an action")
+    page.get_by_label("Robot", exact=True).select_option(label="what who names")
+    page.get_by_label("Action", exact=True).select_option(label="rotate")
+    value = page.locator('.action-form [data-member="value"]').first
+    value.fill("1000")
+    value.press("Tab")
+    operator.press(page.get_by_role("button", name="Save", exact=True))
+    expect(answer).to_have_text("Saved.")
+    listed = client.page(client.root + "missions")
+    kept = [client.http.get(str(each), headers=JSON).json() for each in listed.graph.objects(listed.iri, LDP.contains)]
+    step = next(each["step"]["steps"][0] for each in kept if each["title"] == "Whoever")
+    assert (step["kind"], step["of"]) == (f"{LF}Rotate", {"variable": "who"}) and "action" not in step
+    assert step["body"]["value"] == 1000, "limits of one robot are not those of another"
+    page.reload()
+    operator.press(page.locator("button.step", has_text="Do an action"))
+    expect(page.get_by_label("Robot", exact=True).locator("option:checked")).to_have_text("what who names")
+    expect(page.get_by_label("Action", exact=True).locator("option:checked")).to_have_text("rotate")
+    expect(value).to_have_value("1000")
 
 
 def test_steps_are_moved_copied_and_deleted_and_the_mission_is_edited(operator: PageUser, client: Client) -> None:

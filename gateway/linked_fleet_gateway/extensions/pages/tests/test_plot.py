@@ -152,13 +152,19 @@ def test_the_line_of_a_resting_robot_goes_on(
         expect(page.locator(f'time[data-path="{LF.lastFrame}"]')).to_have_text("live")
 
 
-def test_the_line_ends_with_the_last_frame(page: Page, watched: object, ur5: tuple[Client, Process]) -> None:
+@pytest.mark.parametrize("opened", [on_the_page_of_the_robot, on_a_board])
+def test_the_line_ends_with_the_last_frame(
+    page: Page, watched: object, ur5: tuple[Client, Process], opened: Opened
+) -> None:
     """While the gateway notices, and when the page of an offline robot is opened."""
     client, agent = ur5
-    figure, address, name = on_the_page_of_the_robot(page, client)
+    figure, address, name = opened(page, client)
     eventually(lambda: end_of(figure) > 0, "a line")
     agent.send(signal.SIGKILL)
-    expect(page.locator("#presence .state[data-state=offline]")).to_be_visible()
+    if opened is on_a_board:
+        expect(page.locator("[data-line] data")).to_have_text("offline")
+    else:
+        expect(page.locator("#presence .state[data-state=offline]")).to_be_visible()
     last = recorded(client, address, name)[-1][0]
     for _ in range(2):
         eventually(lambda: last - 0.3 < end_of(figure) < last + 0.3, lambda: f"{end_of(figure)} is {last}")
@@ -192,8 +198,8 @@ def test_a_board_has_numbers_of_several_robots_in_one_chart(
         values = [[value for _, value in drawn(angles, of) if value is not None] for of in (1, 2)]
         assert {round(each[-1], 1) for each in values} == {0.0, -2.4}
         panda.stop()
-        expect(lines.filter(has_text="panda").first.locator("output")).to_have_text("offline")
-        expect(lines.filter(has_text="ur5").locator("output")).to_have_text(re.compile(" rad$"))
+        expect(lines.filter(has_text="panda").first.locator("data")).to_have_text("offline")
+        expect(lines.filter(has_text="ur5").locator("data")).to_have_text(re.compile(" rad$"))
     if not operator.touch:
         box = angles.locator(".canvas").bounding_box()
         assert box is not None

@@ -1,7 +1,13 @@
 // What robots, their parts and the fleet offer, as far as the reader may know it.
 
 import { parse } from "./ntriples.js";
-import { ACTION, RDF_TYPE, TITLE, lf, segments, words } from "./vocabulary.js";
+import { ACTION, RDF_TYPE, TITLE, lf, localName, segments, words } from "./vocabulary.js";
+
+const HYBRIT = "https://hybr-it-projekt.de/ns/hybr-it#";
+const LDP = "http://www.w3.org/ns/ldp#";
+const MOST_KINDS = 100;
+/** Leads from a robot to its joints, links and components. */
+export const PART = "http://purl.org/dc/terms/hasPart";
 
 /** @typedef {{action: string, name: string, thing: string}} Offered */
 
@@ -15,10 +21,32 @@ export async function fetchRobots(/** @type {string} */ root) {
 
 /** @returns {Promise<Offered[]>} the actions of a robot and of its parts */
 export async function fetchActions(/** @type {string} */ query, /** @type {string} */ robot, /** @type {boolean} */ parts) {
-  const things = parts ? `FILTER(STRSTARTS(STR(?thing), "${robot}"))` : `VALUES ?thing { <${robot}> }`;
+  const things = parts ? `<${robot}> <${PART}>* ?thing .` : `VALUES ?thing { <${robot}> }`;
   const asked = `SELECT DISTINCT ?thing ?action { ${things} ?thing <${ACTION}> ?action FILTER(!CONTAINS(STR(?action), "/invocations/")) }`;
   const found = (await select(query, asked)).map(({ thing, action }) => offered(thing.value, action.value, robot));
   return found.sort((one, other) => one.thing.localeCompare(other.thing) || one.name.localeCompare(other.name));
+}
+
+/**
+ * Return kinds of actions of robots and their parts, each with the action of one of them.
+ *
+ * @param {string} query
+ * @param {string} root robots' own kinds of actions, which are below it, are left out
+ * @returns {Promise<{kind: string, name: string, action: string}[]>}
+ */
+export async function fetchKinds(query, root) {
+  const asked = `SELECT ?name (MIN(STR(?offered)) AS ?action) {
+  ?thing <${ACTION}> ?offered FILTER(?thing != <${root}> && !CONTAINS(STR(?offered), "/invocations/"))
+} GROUP BY (REPLACE(STR(?offered), "^.*/", "") AS ?name) ORDER BY ?name LIMIT ${MOST_KINDS}`;
+  const actions = (await select(query, asked)).map(({ action }) => action.value);
+  const graphs = await Promise.allSettled(actions.map(fetchGraph)); // a robot may have left meanwhile
+  const found = graphs.flatMap((each, index) => (each.status === "fulfilled" ? kindsIn(each.value, actions[index], root) : []));
+  return found.sort((one, other) => one.name.localeCompare(other.name));
+}
+
+function kindsIn(/** @type {import("./ntriples.js").Graph} */ graph, /** @type {string} */ action, /** @type {string} */ root) {
+  const kinds = graph.values(action, RDF_TYPE).map(({ value }) => value);
+  return kinds.filter((kind) => ![HYBRIT, LDP, root].some((each) => kind.startsWith(each))).map((kind) => ({ kind, name: words(localName(kind)), action }));
 }
 
 /** Return the answers to a query. Raises an error with a sentence. */

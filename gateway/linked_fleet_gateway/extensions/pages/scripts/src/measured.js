@@ -1,6 +1,6 @@
 // What robots measure, and what their components say: numbers and texts by name.
 
-import { select } from "./fleet_offer.js";
+import { PART, select } from "./fleet_offer.js";
 import { lf, localName, unitSymbol, words } from "./vocabulary.js";
 
 const VOM = "http://vocab.arvida.de/2015/06/vom/vocab#";
@@ -14,8 +14,8 @@ const OBSERVABLE = "http://www.w3.org/ns/sosa/ObservableProperty";
 export async function fetchValues(query, robot) {
   const asked = `PREFIX hybrit: <${HYBRIT}> PREFIX vom: <${VOM}>
 SELECT DISTINCT ?thing ?property ?resource ?part ?unit ?text WHERE {
-  ?thing hybrit:property ?resource ; ?property ?resource .
-  FILTER(STRSTARTS(STR(?thing), "${robot}") && ?property != hybrit:property)
+  <${robot}> <${PART}>* ?thing . ?thing hybrit:property ?resource ; ?property ?resource .
+  FILTER(?property != hybrit:property)
   { ?resource a <${OBSERVABLE}> ; ?part ?scalar . ?scalar vom:numericalValue ?number . OPTIONAL { ?scalar <${QUDT}unit> ?unit } }
   UNION { ?resource a <${lf("ComponentProperty")}> ; <${lf("value")}> ?text . BIND(<${lf("value")}> AS ?part) FILTER(isLiteral(?text)) }
 }`;

@@ -20,8 +20,9 @@ const listeners = new Set();
 let told = "live";
 
 /**
- * @typedef {{protocol?: "lf.ntriples"|"lf.frame"|"lf.jpeg", interval?: number, depth?: "this"|"properties"|"subtree", onGone?: () => void}} Options
- * `interval`: the minimum time between two messages in seconds; `onGone` is called if the resource does not exist
+ * @typedef {{protocol?: "lf.ntriples"|"lf.frame"|"lf.jpeg", interval?: number, depth?: "this"|"properties"|"subtree", onGone?: () => void, isAside?: boolean}} Options
+ * `interval`: the minimum time between two messages in seconds; `onGone` is called if the resource does not exist.
+ * What is `isAside` says nothing about the page: another robot may be gone
  * @typedef {"live"|"lost"|"gone"|"cancelled"|"forbidden"|"silent"} State
  */
 
@@ -35,14 +36,14 @@ let told = "live";
  * once for all listeners, or the bytes of an `lf.frame` or `lf.jpeg`
  * @returns {() => void} ends the subscription; the last one to end closes the connection
  */
-export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "properties", onGone } = {}, onMessage) {
+export function watch(iri, { protocol = "lf.ntriples", interval = 0.1, depth = "properties", onGone, isAside = false } = {}, onMessage) {
   const address = new URL(iri, document.baseURI);
   address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
   address.searchParams.set("interval", String(interval));
   address.searchParams.set("depth", depth);
-  const key = `${protocol} ${address}`;
+  const key = `${protocol} ${address}${isAside ? " aside" : ""}`;
   let channel = channels.get(key);
-  if (!channel) channels.set(key, (channel = new Channel(key, address, protocol)));
+  if (!channel) channels.set(key, (channel = new Channel(key, address, protocol, isAside)));
   return channel.join(onMessage, onGone);
 }
 
@@ -59,7 +60,7 @@ export function onConnection(listener) {
 }
 
 function tell() {
-  const states = new Set([...channels.values()].map((channel) => channel.state));
+  const states = new Set([...channels.values()].map(({ state, isAside }) => (isAside && state === "gone" ? "live" : state)));
   const open = heartbeat.isSilent() ? "silent" : "live";
   /** @type {State[]} */
   const worst = ["lost", "gone", "cancelled", "forbidden"];
@@ -70,8 +71,9 @@ function tell() {
 }
 
 class Channel {
-  constructor(key, address, protocol) {
+  constructor(key, address, protocol, isAside) {
     this.key = key;
+    this.isAside = isAside;
     this.address = address;
     this.protocol = protocol;
     this.members = new Map();
