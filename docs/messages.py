@@ -68,7 +68,8 @@ def _in_turtle(path: Path) -> Iterator[str]:
     kinds = {each.subject for each in triples if each.object == _ACTION_KIND}
     for each in triples:
         of_action = each.subject in kinds and each.predicate in _OF_ACTIONS
-        if isinstance(each.object, Literal) and (each.predicate == _DESCRIPTION or of_action):
+        is_english = isinstance(each.object, Literal) and each.object.language in (None, "en")
+        if is_english and (each.predicate == _DESCRIPTION or of_action):
             yield each.object.value
 
 
