@@ -31,9 +31,9 @@ class Jog:
         self.wanted: dict[str, float] = {}
         """By joint; those of a stream of zeros too. Nothing is jogged while it is empty."""
         self.limited = ""
-        """Why it is slower than wanted, in words; empty if it is not."""
+        """The reason why it is slower than wanted, in words; empty if it is not."""
         self.failed = ""
-        """Why it cannot go on."""
+        """The reason why it cannot go on."""
 
     def request(self, velocities: Mapping[str, float]) -> None:
         """Take on velocities of all the joints that are jogged, which are zero where nothing is said."""

@@ -108,7 +108,7 @@ class ComponentRobot(Protocol):
 
 
 class FollowedEnd(NamedTuple):
-    """How the controllers have ended the motion ``id``; ``reason`` says why they did not reach its end."""
+    """The end of the motion ``id`` by its controllers; ``reason`` says why they did not reach its end."""
 
     id: str
     reason: str = ""

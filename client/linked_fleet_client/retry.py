@@ -1,4 +1,4 @@
-"""When a request is sent again, and after which pause: Retry-After is honoured (RFC 9110, 10.2.3), within bounds."""
+"""The repetition of requests, and the pause before: Retry-After is honoured (RFC 9110, 10.2.3), within bounds."""
 
 import time
 from collections.abc import Mapping

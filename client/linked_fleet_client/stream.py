@@ -29,7 +29,7 @@ _INVALID = frozenset({1007, 1008, 1009})
 
 @dataclass(frozen=True)
 class Told:
-    """What the robot and its server say: ``values`` are the newest of all values of the component.
+    """The statements of the robot and its server: ``values`` are the newest of all values of the component.
 
     ``time`` is that of the robot's clock at the latest measurement, None before the first one. ``silent`` is true while
     the robot has braked because no sample could be applied; ``speed_scale`` is the share of the asked speed that it
@@ -62,7 +62,7 @@ class Stream:
         self.invocation = ""
         """The IRI of its invocation, once something was told."""
         self.ended: str | None = None
-        """Why it has ended; None while it has not."""
+        """The reason why it has ended; None while it has not."""
 
     def __enter__(self) -> Stream:
         """Open it. Raises Problem, Controlled or ControlLost where a motion would be refused; Unreachable."""

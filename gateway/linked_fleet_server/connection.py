@@ -1,4 +1,4 @@
-"""What connections of HTTP and of WebSockets have: transport, bounded writer, pauses in both directions, tasks."""
+"""The base of connections of HTTP and of WebSockets: transport, bounded writer, pauses in both directions, tasks."""
 
 import asyncio
 from asyncio.transports import BaseTransport, Transport

@@ -72,7 +72,7 @@ class HttpProtocol(Connection):
         self._deadline = Deadline(self._give_up)
         self._reader = RequestReader(self)
         self._scope: Scope = {}
-        """What the scopes of all requests have in common."""
+        """The members that the scopes of all requests share."""
         self._requests = 0
         """Number of heads read."""
         self._exchanges: deque[Exchange] = deque()

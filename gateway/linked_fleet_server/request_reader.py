@@ -17,7 +17,7 @@ from linked_fleet_server.message_heads import (
 )
 
 _IDLE, _HEAD, _BODY = "idle", "head", "body"
-"""What the next bytes belong to: a new request, the head of one, its body."""
+"""The part of a request that the next bytes belong to: a new request, the head of one, its body."""
 
 
 class Handler(Protocol):

@@ -32,7 +32,7 @@ from linked_fleet_agent.wire import messages
 from linked_fleet_agent.wire.components import BASE, StreamLimits
 
 MOST_S, USUAL_S = 1.0, 0.5
-"""How long one request of velocities holds, at most and by default."""
+"""Time that one request of velocities holds, at most and by default."""
 _STOP_MARGIN_S = 0.5
 _CONTACT_M, _CONTACT_RAD = 0.01, math.radians(1.0)
 

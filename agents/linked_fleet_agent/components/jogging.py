@@ -21,7 +21,7 @@ from linked_fleet_agent.wire.schema import MAX_MEMBERS
 
 NAME = "jogging"
 MOST_S, USUAL_S = 1.0, 0.5
-"""How long one request of velocities holds, at most and by default."""
+"""Time that one request of velocities holds, at most and by default."""
 STOP_S = RAMP_S + 0.5
 _DIGITS = 4
 _Duration = Annotated[float, unit("SEC"), Meta(ge=0, le=MOST_S, title="How long the velocities hold")]

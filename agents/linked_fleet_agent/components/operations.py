@@ -43,7 +43,7 @@ class _Operation:
     ending: tuple[State, str, str] | None = None
     """State, reason and successor of one that was told to end."""
     overdue_s: float | None = None
-    """When one that was told to end is overdue."""
+    """Time from which one that was told to end is overdue."""
     cancel: Callable[[bool], None] = field(default=lambda replaced: None)
     stream: InputStream | None = None
     call: Call[Any] | None = None

@@ -17,7 +17,7 @@ from linked_fleet_agent.wire.kinds import NOT_MOVED
 MOST_POSES = 64
 LONGEST_S = 3600.0
 _HOLD_S = 0.1
-"""How long a velocity holds, so that a base brakes whose path is not tracked any more."""
+"""Time that a velocity holds, so that a base brakes whose path is not tracked any more."""
 _STUCK_S, _STUCK_M_RAD = 5.0, 0.002
 Path = Annotated[list[PathPose], Meta(min_length=1, max_length=MOST_POSES, title="Path")]
 Reverse = Annotated[bool, Meta(title="Drive backwards")]

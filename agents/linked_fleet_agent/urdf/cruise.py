@@ -1,4 +1,4 @@
-"""How fast agents let joints move, which planners of their motions know too. rad/s or m/s.
+"""The speed at which agents let joints move, which planners of their motions know too. rad/s or m/s.
 
 A joint cruises at CRUISE_SHARE of its URDF velocity limit at most, so that the real joint with its lag and ripple stays
 below the limit. The cruise speed is also capped at a value for machines among people. It takes RAMP_S to reach it: a

@@ -23,7 +23,7 @@ class Property(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, om
 
 
 class StreamLimits(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How old the samples of a stream may be, and what their absence means.
+    """The largest age of the samples of a stream, and what their absence means.
 
     A sample is dropped if the robot time that its sender saw last is older than ``age_s``. Without a sample that could
     be used for ``silence_s`` the action comes to rest and goes on; without any sample for ``end_s`` it ends.

@@ -231,7 +231,7 @@ class Condition(Struct, frozen=True, kw_only=True):
 
 
 class StreamCounts(Struct, frozen=True, kw_only=True):
-    """What became of the samples of a stream: applied, or dropped because they were ``late``, out of order, of the
+    """The fate of the samples of a stream: applied, or dropped because they were ``late``, out of order, of the
     future or invalid. ``silent``: none could be used for so long that the action has come to rest, or does.
     """
 

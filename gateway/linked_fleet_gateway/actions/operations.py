@@ -77,7 +77,7 @@ class Call:
     def __init__(self, invocation: Invocation, lifecycle: Lifecycle, caller: Caller) -> None:
         self._invocation, self._lifecycle = invocation, lifecycle
         self.expected_s = 0.0
-        """How long it takes as far as its plan knows."""
+        """Its duration as far as its plan knows."""
         token = kept_token(caller.lease_token)
         self.caller = replace(caller, lease_token=token, idempotency_key="", request_digest="", body="")
         """The caller, for whom further actions can be invoked (``Core.invoke``), also by another gateway later."""

@@ -1,4 +1,4 @@
-"""Where a robot comes closest to what is around it. Pure values."""
+"""The place where a robot comes closest to what is around it. Pure values."""
 
 from msgspec import Struct
 
@@ -6,7 +6,7 @@ from linked_fleet_gateway.fleet.xml import Vector
 
 
 class Closest(Struct, frozen=True):
-    """Where a robot comes closest to something on a path.
+    """The place where a robot comes closest to something on a path.
 
     Elsewhere it may come nearer than ``apart_m`` by ``uncertain_m``. ``things`` are the paths of the robot's link and
     of the other thing, if the caller may know it, with ``names`` for people; ``point`` is a place in the world in metre

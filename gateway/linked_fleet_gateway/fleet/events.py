@@ -226,7 +226,7 @@ class Latest:
         self.robot = robot
         self.frame = frame
         self.count = count
-        """How many frames of the run have arrived."""
+        """Number of frames of the run that have arrived."""
         self.begin, self.size = frame[0][:_BEGIN], len(frame[0])
         """Begin and length that all frames of the run have."""
         self.unreported = False

@@ -1,4 +1,4 @@
-"""How fast the agents of robots move joints, from rest to rest. Pure. Radian, metre, second."""
+"""The speed at which the agents of robots move joints, from rest to rest. Pure. Radian, metre, second."""
 
 import math
 from collections.abc import Mapping

@@ -106,7 +106,7 @@ class Presence:
 SILENT_S = 5.0
 """Time without a frame after which a run is queried; further queries follow after doubling delays."""
 RENEWALS = 3
-"""How often in one silence the gateway renews its declarations because of a robot that answers."""
+"""Number of times in one silence that the gateway renews its declarations because of a robot that answers."""
 PERIOD_S = 1.0
 _LONGEST_S = 60.0
 

@@ -1,4 +1,4 @@
-"""How well the frames of a robot arrive, by their sequence numbers and by the time since the last one. Pure."""
+"""The reception of the frames of a robot, by their sequence numbers and by the time since the last one. Pure."""
 
 from collections import deque
 from dataclasses import dataclass, field

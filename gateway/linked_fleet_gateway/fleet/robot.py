@@ -21,7 +21,7 @@ from linked_fleet_gateway.fleet.unchecked import UncheckedLink
 Row = Literal["positions", "velocities", "efforts"]
 """The measured values of joints (SI units)."""
 LinkQuality = Literal["linkGood", "linkWeak", "linkLost"]
-"""How well frames arrive: the local name of a term of the vocabulary (``fleet/reception.py``)."""
+"""The reception of frames: the local name of a term of the vocabulary (``fleet/reception.py``)."""
 Annotations = tuple[str, str]
 """Turtle with the IRI of the robot as base: the annotations of its agent, and those of clients."""
 
@@ -187,7 +187,7 @@ class Robot:
 
     @property
     def arrived(self) -> tuple[int, int, int] | None:
-        """How many frames have arrived, number and gateway wall time of the last one; None before the first."""
+        """The number of frames so far, number and gateway wall time of the last one; None before the first."""
         latest = self._latest
         if latest is None:
             return None

@@ -1,4 +1,4 @@
-"""What the page of a resource shows of the request and of the gateway."""
+"""The part of a page that shows the request and the gateway."""
 
 from linked_fleet_gateway.http.callers import SUBSCRIPTIONS_RIGHTS
 from linked_fleet_gateway.http.request import Request

@@ -124,7 +124,7 @@ class _Resolved(HTTPConnection):
     """Additional attributes of requests and WebSockets."""
 
     refusal = ""
-    """Why it was refused or failed, once it was."""
+    """The reason of a refusal or failure, once there was one."""
     is_renewal = False
     """True once it is known to renew what the client has."""
 

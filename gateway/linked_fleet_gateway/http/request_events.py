@@ -24,7 +24,7 @@ class RequestEvent(Struct, frozen=True):
     created: str = ""
     """Path of the created invocation or subscription, if any."""
     reason: str = ""
-    """Why it was refused or failed: the detail of the problem, its beginning if that is long."""
+    """The reason of a refusal or failure: the detail of the problem, its beginning if that is long."""
     by_page: bool = False
     """True for what a page does by itself: the subscriptions to what it shows, and renewals of control."""
 

@@ -73,7 +73,7 @@ class FleetLink:
         self._on_progress = on_progress
         self._listens = False
         self.listeners: dict[OfComponents, Hear] = {}
-        """Who hears the messages about components. Filled before ``join``."""
+        """The listeners to messages about components. Filled before ``join``."""
 
     @property
     def is_connected(self) -> bool:

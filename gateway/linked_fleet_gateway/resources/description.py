@@ -1,4 +1,4 @@
-"""How a resource is described: by a function, perhaps in steps, or by a template, into which its values are put anew.
+"""Descriptions of a resource: by a function, perhaps in steps, or by a template, into which its values are put anew.
 
 A template is a description with places: ``describe`` adds all triples, with given literals in place of values. It is
 executed once with markers (``resources/templates.py``). There are two kinds of values: those that resources of one kind

@@ -49,7 +49,7 @@ NOBODY = Reader()
 
 @dataclass(frozen=True)
 class PageContext:
-    """What the page of a resource shows besides the resource."""
+    """The part of a page that is not about its resource."""
 
     reader: Reader = NOBODY
     query: str = ""

@@ -84,7 +84,7 @@ class RobotPart(Protocol):
 
     @property
     def gripper(self) -> Gripper | None:
-        """What a gripper says; None if it is no gripper."""
+        """The state of a gripper; None if it is no gripper."""
 
     def properties(self, base: str) -> "Sequence[Property]":
         """Return its properties under a base URL."""

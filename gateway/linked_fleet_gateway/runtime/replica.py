@@ -29,7 +29,7 @@ class Copy(Protocol):
 
 
 class Loading:
-    """Whether something was loaded, which ``loading`` notes; a ``Copy``."""
+    """A ``Copy`` that knows if it was loaded, which ``loading`` notes."""
 
     is_loaded, awaits_redis = False, True
 

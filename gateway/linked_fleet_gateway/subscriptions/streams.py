@@ -22,7 +22,7 @@ from linked_fleet_gateway.subscriptions.watcher import Watcher
 log = logging.getLogger(__name__)
 
 UNOPENED_S = 60.0
-"""How long a stream created by POST waits to be opened, at first and again after each connection."""
+"""Time that a stream created by POST waits to be opened, at first and again after each connection."""
 _LAST_S = 1.0  # limit for reporting closed streams to the store when this gateway ends
 
 

@@ -29,7 +29,7 @@ class Renderer(Protocol):
 
 
 class Again(IntEnum):
-    """How a watched resource is read again; each includes the ones before it."""
+    """The ways in which a watched resource is read again; each includes the ones before it."""
 
     OBSERVE = 1
     """Its values, because a frame has come."""

@@ -82,7 +82,7 @@ class RosComponent(DeclaredComponent, blocking=False):
 
 @dataclass
 class Exposed:
-    """What is exposed of a graph. ``findings`` are sentences about what is not, ``goals`` actions by name in ROS."""
+    """The exposed part of a graph. ``findings`` are sentences about what is not, ``goals`` actions by name in ROS."""
 
     components: list[RosComponent] = field(default_factory=list)
     findings: list[str] = field(default_factory=list)

@@ -1,4 +1,4 @@
-"""How the robot at an address is found: its session, its description, and what its controllers are."""
+"""The search for the robot at an address: its session, its description, and what its controllers are."""
 
 import asyncio
 import logging

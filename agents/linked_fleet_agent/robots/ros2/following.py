@@ -110,7 +110,7 @@ class Following:
 
     @property
     def ended_others(self) -> str:
-        """What the last ``end_others`` has cancelled, in a sentence."""
+        """A sentence about what the last ``end_others`` has cancelled."""
         return "; ".join(self._told.values())
 
     async def probe(self) -> list[str]:

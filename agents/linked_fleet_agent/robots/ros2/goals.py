@@ -43,7 +43,7 @@ class GoalLostError(GoalError):
 
 
 class GoalEnd(NamedTuple):
-    """How a goal has ended: ``SUCCEEDED``, ``CANCELED`` or ``ABORTED``, and its result."""
+    """The end of a goal: ``SUCCEEDED``, ``CANCELED`` or ``ABORTED``, and its result."""
 
     status: int
     result: dict[str, Any]

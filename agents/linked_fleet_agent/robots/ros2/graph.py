@@ -27,7 +27,7 @@ class Interface:
 
 
 class Offer(NamedTuple):
-    """What another node has: a publisher or subscription of a topic, a server or client of a service.
+    """A part of another node: a publisher or subscription of a topic, a server or client of a service.
 
     An action is known by its parts, as ``/NAME/_action/send_goal``. ``latched`` publishers keep messages for late
     joiners (transient local). The hash (REP 2016) is empty where the transport does not tell it, as in Humble;

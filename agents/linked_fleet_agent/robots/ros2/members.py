@@ -32,7 +32,7 @@ _log = logging.getLogger(__name__)
 MAX_TOPIC_BYTES = 65_536
 """Longest message of a topic that is a property or an event; values may have a quarter of that."""
 SERVICE_S, MOTION_S, ACTION_S = 10.0, 3600.0, 86_400.0
-"""How long a service, an action that moves something and another one may take, if the configuration does not say it."""
+"""Time that a service, an action that moves something and another one may take, without configuration."""
 _BURST, _MOST_TAKEN_UP = 16, 32
 _NO_DATA = Schema(type="object")
 

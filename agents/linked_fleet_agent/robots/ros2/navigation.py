@@ -27,7 +27,7 @@ _DockName = Annotated[str, Meta(min_length=1, max_length=64, title="Name of the 
 
 
 class Underway(Struct, rename="camel"):
-    """How far a drive has come."""
+    """The progress of a drive."""
 
     distance_remaining: Annotated[Metres, Meta(title="Remaining distance")]
     navigation_time: Annotated[_Seconds, Meta(title="Time since the start")]

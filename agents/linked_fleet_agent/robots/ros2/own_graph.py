@@ -13,7 +13,7 @@ _SEND_GOAL = "/_action/send_goal"
 
 
 class OwnGraph:
-    """What the graph offers to one robot. Names of its components are unique."""
+    """The offers of the graph to one robot. Names of its components are unique."""
 
     def __init__(self, graph: Graph, types: MessageTypes, namespace: str) -> None:
         self.graph, self.types, self.namespace = graph, types, namespace

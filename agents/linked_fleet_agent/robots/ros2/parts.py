@@ -1,4 +1,4 @@
-"""What a ROS robot has beside its joints: controllers that follow trajectories, components, its whereabouts."""
+"""The parts of a ROS robot beside its joints: controllers that follow trajectories, components, its whereabouts."""
 
 import math
 from collections.abc import Callable, Collection

@@ -44,12 +44,12 @@ class Selected(NamedTuple):
 
     @property
     def key(self) -> tuple[str, str, str]:
-        """What it is of the graph: its kind, name and type."""
+        """Its entry in the graph: kind, name and type."""
         return self.entry.kind, self.entry.ros_name, self.entry.type
 
 
 class Selection(NamedTuple):
-    """What becomes a part of the robot, and sentences about entries that cannot yet."""
+    """The entries that become parts of the robot, and sentences about entries that cannot yet."""
 
     selected: tuple[Selected, ...]
     missing: tuple[str, ...]

@@ -178,7 +178,7 @@ class RosSession:
 
 
 class _Tokens:
-    """What the tokens of other nodes announce, with the keys. Zenoh fills it from a thread of its own."""
+    """The announcements in the tokens of other nodes, with the keys. Zenoh fills it from a thread of its own."""
 
     def __init__(self, join_bridge: Callable[[], None]) -> None:
         self._join_bridge = join_bridge

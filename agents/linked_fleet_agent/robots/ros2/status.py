@@ -1,4 +1,4 @@
-"""What the driver of a ROS robot knows of its graph, as a component: what is there, what is missing, which clock."""
+"""A component that tells the state of a ROS robot's graph: what is there, what is missing, which clock."""
 
 import asyncio
 import logging

@@ -1,4 +1,4 @@
-"""How Zenoh carries ROS 2: keys and liveliness tokens of rmw_zenoh and of zenoh-bridge-ros2dds. Pure.
+"""ROS 2 over Zenoh: keys and liveliness tokens of rmw_zenoh and of zenoh-bridge-ros2dds. Pure.
 
 ``RmwZenoh`` follows docs/design.md of rmw_zenoh, Humble to Rolling, and ``DdsBridge`` the sources of
 zenoh-plugin-ros2dds 1.x. What arrives as a token is hostile until it is parsed: one that is none of ROS yields nothing.

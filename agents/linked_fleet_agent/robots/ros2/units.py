@@ -60,7 +60,7 @@ _TERMS = {
 MEANINGS: Meanings = {
     key: Meaning(unit, _TERMS.get(key, "")) for unit, keys in _UNITS.items() for key in keys.split()
 }  # fmt: skip
-"""What is known without configuration."""
+"""The units that are known without configuration."""
 
 
 def meaning_of(places: Sequence[tuple[str, str]], *tables: Meanings) -> Meaning:

@@ -39,7 +39,7 @@ class _Node(NamedTuple):
 
 
 class _Place(NamedTuple):
-    """Where a value is: the types around it, each with the path from there, and its depth in the schema."""
+    """The place of a value: the types around it, each with the path from there, and its depth in the schema."""
 
     around: tuple[tuple[str, str], ...]
     depth: int

@@ -62,7 +62,7 @@ class Samples:
         self._timer: asyncio.TimerHandle | None = None
         self._sent_s = float("-inf")
         self.superseded = 0
-        """How many were dropped here because newer ones came at once."""
+        """Number of samples dropped here because newer ones came at once."""
 
     def take(self, message: str | bytes, now_s: float) -> None:
         """Send a sample on, or keep it for a moment as the newest. Raises Unusable."""
@@ -127,7 +127,7 @@ class Samples:
 
 
 class Reports:
-    """What the client of a stream is told: the robot's time, who drives, what became of its samples, and values."""
+    """A message to the client of a stream: the robot's time, who drives, what became of its samples, and values."""
 
     def __init__(
         self, part: DeclaredComponent, robot: Robot, invocation: Invocation, samples: Samples, base: str

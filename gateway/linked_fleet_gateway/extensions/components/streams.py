@@ -57,7 +57,7 @@ class OpenStream:
         self._holds_s = offer.declared.stream.silence_s
         self.robot, self.invocation, self.lease = motion.robot, invocation, invocation.lease
         self.reason = _LEFT
-        """Why the gateway ends it."""
+        """The reason why the gateway ends it."""
         link, name = core.live.link, motion.robot.name
         self.samples = Samples(offer, invocation, lambda sample: link.send_sample(name, sample), self._guard)
         self._reports = Reports(offer.part, motion.robot, invocation, self.samples, base)

@@ -74,7 +74,7 @@ class Fault(Struct, frozen=True, omit_defaults=True):
     cleared_by: str = ""
     recent: tuple[str, ...] = ()
     told_ns: int = 0
-    """When people were last told of it by mail or chat."""
+    """Time at which people were last told of it by mail or chat."""
 
     @property
     def is_open(self) -> bool:

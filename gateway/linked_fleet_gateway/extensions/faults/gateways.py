@@ -19,7 +19,7 @@ BEAT_S, SILENT_S, FORGOTTEN_S = 2.0, 8.0, 60.0
 
 
 class Beat(Struct, frozen=True):
-    """How often a gateway has counted."""
+    """Number of times that a gateway has counted."""
 
     count: int
 

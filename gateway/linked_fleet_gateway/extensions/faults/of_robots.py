@@ -18,7 +18,7 @@ _SHOWN = ("confirmed", "acknowledged")
 
 @dataclass(frozen=True)
 class Summary:
-    """How many open faults a robot has, and severity and title of the worst."""
+    """Number of open faults of a robot, and severity and title of the worst."""
 
     count: int
     severity: Severity

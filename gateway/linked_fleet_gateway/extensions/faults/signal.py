@@ -11,12 +11,12 @@ from typing import Literal
 from msgspec import Struct
 
 FLAPS = 3
-"""How often a trouble is seen in one appearance until it is confirmed, however short it was each time."""
+"""Number of times that a trouble is seen in one appearance until it is confirmed, however short each time was."""
 Verdict = Literal["absent", "raised", "confirmed"]
 
 
 class Policy(Struct, frozen=True):
-    """How long a trouble must be present until it is confirmed, and absent until it is over, in seconds."""
+    """Time that a trouble is present until it is confirmed, and absent until it is over, in seconds."""
 
     confirm_s: float = 0.0
     clear_s: float = 0.0
@@ -41,9 +41,9 @@ class Signal:
     since_ns: int = 0
     began_ns: int = 0
     last_ns: int = 0
-    """When it last came."""
+    """Time at which it last came."""
     count: int = 0
-    """How often it came in this appearance."""
+    """Number of times that it came in this appearance."""
 
     def come(self, now_ns: int) -> None:
         """Note that the trouble is there from now on."""

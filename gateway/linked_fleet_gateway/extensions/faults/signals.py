@@ -9,7 +9,7 @@ from linked_fleet_gateway.extensions.faults.signal import Policy, Signal
 MOST_OF_ONE = 200
 """Troubles of one observed thing, such as the components of a robot; further ones are counted and left out."""
 EVENT_KEPT_NS = 60 * 10**9
-"""How long an event waits to be written, by this gateway or by another one."""
+"""Time that an event waits to be written, by this gateway or by another one."""
 
 
 @dataclass

@@ -1,4 +1,4 @@
-"""What a gateway looks at for faults: all robots in turn, values of components as they change, ends of invocations."""
+"""Observations of a gateway for faults: robots in turn, values of components as they change, ends of invocations."""
 
 import time
 from collections.abc import Callable
@@ -22,10 +22,10 @@ from linked_fleet_gateway.extensions.faults.signals import Signals
 FRAMES_S = 2.0
 """Time between two looks at the values in the frames of a robot."""
 GRACE_S = 10.0
-"""How long a robot must be known until the absence of a trouble is believed that another gateway has recorded."""
+"""Time that a robot must be known until the absence of a trouble is believed that another gateway has recorded."""
 MOST_KNOWN = 4096
 PRESENCE, ROBOT, FRAME = "/presence", "/robot", "/frame"
-"""What of a robot is looked at besides its components, which have other names."""
+"""The sources of a robot besides its components, which have other names."""
 
 AboutRun = Callable[[str], tuple[str, tuple[str, ...]] | None]
 """Returns the title of the mission of a run, and the robots that it uses, by the id of its invocation."""

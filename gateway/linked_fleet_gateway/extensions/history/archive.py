@@ -79,7 +79,7 @@ class Archive:
         self.lost = 0
         """Frames and values that could not be written."""
         self.failure = ""
-        """Why nothing is written at present."""
+        """The reason why nothing is written at present."""
         self.bytes = 0
         self._failed, self._now_ns, self._open_writer = failed, now_ns, open_writer
         self._layouts: dict[str, Layout] = {}

@@ -1,4 +1,4 @@
-"""How histories are sent: with links to adjacent pages, and long ones at the pace of the client, a few at a time."""
+"""Sending of histories: with links to adjacent pages, and long ones at the pace of the client, a few at a time."""
 
 import asyncio
 from collections.abc import Mapping

@@ -64,7 +64,7 @@ class _File:
     ranges: Mapping[str, Range] | None = None
     damage: str = ""
     trouble: str = ""
-    """Why it could not be read last time; it is tried again."""
+    """The reason why it could not be read last time; it is tried again."""
 
 
 class Shelf:

@@ -18,7 +18,7 @@ STILL_NS = 10 * 10**9
 GAP_NS = 2 * 10**9
 """A robot that has sent nothing for longer was not heard."""
 AHEAD_NS = 60 * 10**9
-"""What is stamped by a time that is further ahead of the clock here is not recorded."""
+"""Largest lead of a stamp over the clock here; what is stamped later is not recorded."""
 _VALUES_AT = next(field.offset for field in layout(1, False) if field.name == "positions")
 _WALL_AT = next(field.offset for field in layout(1, False) if field.name == "wall_ns")
 _WALL = struct.Struct("<q")

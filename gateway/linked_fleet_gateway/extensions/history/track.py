@@ -89,7 +89,7 @@ class Track:
         self.heard: bytes | None = None
         """The last frame that came; what follows it is a gap."""
         self.heard_s = 0.0
-        """When it was taken, by the monotonic clock."""
+        """Time at which it was taken, by the monotonic clock."""
         self._frames: list[bytes] = []
         self._share = _FINEST
 

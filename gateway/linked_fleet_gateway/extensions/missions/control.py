@@ -21,7 +21,7 @@ class Control:
     def __init__(self, core: Core) -> None:
         self._core = core
         self._renewed_s: dict[str, float] = {}
-        """When the leases of a run were taken or renewed (monotonic), while it has them."""
+        """Times at which the leases of a run were taken or renewed (monotonic), while it has them."""
 
     async def take(self, run: Run) -> Run:
         """Take control of all robots of a new run, but those that its client controls. Return the run with its token.

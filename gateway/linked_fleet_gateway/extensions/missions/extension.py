@@ -73,7 +73,7 @@ class MissionSettings(Section):
 
 @dataclass(frozen=True)
 class RunsOfMissions:
-    """What other extensions may ask about runs."""
+    """The service for other extensions that ask about runs."""
 
     known: Mapping[str, Run]
     targets: Targets

@@ -97,7 +97,7 @@ class StepRunRow:
 
 @dataclass(frozen=True)
 class Question:
-    """What a step asks people."""
+    """A question of a step to people."""
 
     text: str
     decisions: Sequence[Decision]

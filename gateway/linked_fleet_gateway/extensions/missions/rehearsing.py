@@ -40,7 +40,7 @@ Places = Mapping[str, Mapping[str, float] | None]
 
 
 class Rehearsed(NamedTuple):
-    """What the rehearsal of a step has found; ``why_not`` says why it was not rehearsed, if it was not."""
+    """The finding of the rehearsal of a step; ``why_not`` says why it was not rehearsed, if it was not."""
 
     path: str
     step: Invoke
@@ -53,7 +53,7 @@ class Rehearsed(NamedTuple):
 
 
 class _End(NamedTuple):
-    """How long steps take, and where robots are then."""
+    """The duration of steps, and where robots are then."""
 
     took_s: float
     places: Places

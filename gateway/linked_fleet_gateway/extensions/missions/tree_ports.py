@@ -9,7 +9,7 @@ from typing import Any, Final
 MEDIA_TYPE: Final = "application/vnd.behaviortree+xml"
 FORMAT: Final = "4"
 JSON: Final = "json:"
-"""What precedes JSON in a port, in BehaviorTree.CPP too."""
+"""The prefix of JSON in a port, in BehaviorTree.CPP too."""
 OWN_PORTS: Final = frozenset({"ID", "name", "action", "kind", "of", "body", "triples", "_description"})
 """Attributes of a leaf that are not members of the body of its action."""
 TYPES: Final[Mapping[str, str]] = {

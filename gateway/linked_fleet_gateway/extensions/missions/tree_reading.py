@@ -41,7 +41,7 @@ _INSTEAD: Final = {
     "SetBlackboard": "a mission changes no blackboard; give its parameters defaults",
     "ForceSuccess": "write a Fallback with an Action with ID Notify at its end",
 }  # fmt: skip
-"""What would be right in place of well-known elements."""
+"""The right elements in place of well-known ones."""
 
 
 def read_tree(content: bytes, base: str) -> Mission:
@@ -63,7 +63,7 @@ def read_tree(content: bytes, base: str) -> Mission:
 
 @dataclass(frozen=True)
 class _Scope:
-    """What the entries of the blackboard stand for in a tree: entries of the mission, or texts of ports."""
+    """The meanings of entries of the blackboard in a tree: entries of the mission, or texts of ports."""
 
     known: frozenset[str]
     """The parameters of the mission."""

@@ -20,7 +20,7 @@ class Simplified(Struct, frozen=True, tag=True):
 
 
 class SimplifyFailed(Struct, frozen=True, tag=True):
-    """Why the mesh cannot be simplified."""
+    """The reason why the mesh cannot be simplified."""
 
     reason: str
 

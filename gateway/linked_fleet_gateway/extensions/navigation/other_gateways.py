@@ -14,7 +14,7 @@ log = logging.getLogger(__name__)
 
 
 class Notice(Struct, frozen=True):
-    """What a gateway tells others of a drive. ``helpless`` are the robots whose drives it cannot give way to."""
+    """A message of a gateway to others about a drive. ``helpless``: the robots whose drives it cannot give way to."""
 
     trip: str
     rank: tuple[int, int]

@@ -45,9 +45,9 @@ MARGIN_M = 0.08
 """Room between the base and everything else: corners are cut by 5 cm, the check of motions keeps 1 cm."""
 MOST_M = 200.0
 AHEAD_M = 2.0
-"""How far a base drives on that cannot turn where it stands."""
+"""Distance that a base drives on which cannot turn where it stands."""
 AROUND_M = (3.0, 15.0)
-"""How far around start and goal a way is sought, first and if there is none."""
+"""Distances around start and goal within which a way is sought, first and if there is none."""
 MOST_POSES = 64
 _BESIDE_M = 0.3
 _MOST_POCKET, _MOST_NAMES, _MOST_S = 1_000, 5, 1.0

@@ -41,7 +41,7 @@ from linked_fleet_gateway.extensions.navigation.trips import (
 )
 
 PATIENCE_S, LONGEST_WAIT_S = 30.0, 600.0
-"""How long a drive waits for what stands in its way, and for robots that will leave."""
+"""Time that a drive waits for what stands in its way, and for robots that will leave."""
 LOOK_S = 0.5
 _MOST_LOST = 3
 Plan = Callable[[PlanWay], Awaitable[Answer]]

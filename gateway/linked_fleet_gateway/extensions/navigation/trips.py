@@ -32,7 +32,7 @@ class Around(Struct, frozen=True):
 
 
 class Ended(Struct, frozen=True):
-    """How a drive along a way has ended.
+    """The end of a drive along a way.
 
     One that was ``blocked`` stands before something that has come into its way, one that was ``refused`` has not begun,
     and one that is ``lost`` is not on its way any more.

@@ -49,7 +49,7 @@ class NoteSettings(Section):
 
 @dataclass(frozen=True)
 class KnownNotes:
-    """What other extensions may ask about notes."""
+    """The service for other extensions that ask about notes."""
 
     known: Mapping[str, Note]
 

@@ -40,10 +40,10 @@ ROWS = 200
 """Rows on one page of the table: as many as a browser lays out at once without being felt."""
 _FILTERS = ("text", "presence", "kind", "tag")
 _ASKED = ("view", "sort", "order", *_FILTERS, "page")
-"""What an address asks for, in this order."""
+"""The parameters of an address, in this order."""
 _WELL = 9
 _DOCS = "https://w3id.org/linked-fleet/source/HEAD/"
-"""Where the documentation is; deploy/w3id/.htaccess says where this leads."""
+"""The address of the documentation; deploy/w3id/.htaccess says where this leads."""
 
 
 @dataclass(frozen=True)
@@ -153,7 +153,7 @@ class Rows:
 
 @dataclass(frozen=True)
 class Choice:
-    """What the address asks for. ``note``: what it asks for that there is not."""
+    """The choices in an address. ``note``: those that there are not."""
 
     values: Mapping[str, str]
     note: str = ""

@@ -1,4 +1,4 @@
-"""What each kind of page is for, for its `?`: a message, and where the documentation says more."""
+"""The purpose of each kind of page, for its `?`: a message, and where the documentation says more."""
 
 from dataclasses import dataclass
 
@@ -6,7 +6,7 @@ from linked_fleet_gateway.extensions.pages.languages import message, translated
 from linked_fleet_gateway.extensions.pages.views import added_views
 
 DOCS = "https://w3id.org/linked-fleet/source/HEAD/"
-"""Where the documentation is; deploy/w3id/.htaccess says where this leads."""
+"""The address of the documentation; deploy/w3id/.htaccess says where this leads."""
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ LF = CORE.extended(
 
 @dataclass(frozen=True)
 class Part:
-    """What a view contributes to a page.
+    """The contribution of a view to a page.
 
     ``more``: variables for the template. ``shown``: predicates of the resource that it displays; ``done``: other
     subjects that it displays. ``title``: the heading, if better than the resource's own.

@@ -1,4 +1,4 @@
-"""What people do with requests for control: they ask, hand over and refuse."""
+"""The actions of people on requests for control: they ask, hand over and refuse."""
 
 import time
 from collections.abc import Callable, Mapping

@@ -1,4 +1,4 @@
-"""Who is here: people whose pages follow something, or have just been read, at any gateway."""
+"""The people who are here: those whose pages follow something, or have just been read, at any gateway."""
 
 import logging
 import time

@@ -1,4 +1,4 @@
-"""What a robot touches in one configuration, by the margins of the collision check. Metre."""
+"""Contacts of a robot in one configuration, by the margins of the collision check. Metre."""
 
 from collections.abc import Iterable, Iterator
 

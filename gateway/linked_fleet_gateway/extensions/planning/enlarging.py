@@ -14,7 +14,7 @@ CLEARANCE_M = 0.0115
 CORNER_M = 2 * CLEARANCE_M
 """More than a corner of something around moves when that is made larger: by up to √3 times the clearance."""
 _NEAR_SLACK_M = 0.0003
-"""How much nearer than at the start or a goal the search may come, of the 1 mm that the check allows."""
+"""Share by which the search may come nearer than at the start or a goal, of the 1 mm that the check allows."""
 _LESS, _LEAST_M = 0.8, 0.0005
 """Share by which an enlargement is reduced, and that which is none."""
 _MOST_TRIANGLES = 3_000

@@ -1,4 +1,4 @@
-"""What was computed of a shape of coal, which has no hash: kept by its identity, for the last shapes."""
+"""A cache of what is computed of a shape of coal, which has no hash: by its identity, for the last shapes."""
 
 from collections import OrderedDict
 from collections.abc import Callable

@@ -17,7 +17,7 @@ from linked_fleet_gateway.rdf.vocabulary import RDF
 from linked_fleet_gateway.serving import RedisConnection
 
 KEPT_S = 60
-"""How long a plan is kept, in seconds."""
+"""Lifetime of a kept plan, in seconds."""
 MOST_PLANS, MOST_OF_ONE = 256, 8
 """Plans of all clients, after which none is kept, and of one client, whose oldest one is then forgotten."""
 MOST_BYTES = 192 * 1024

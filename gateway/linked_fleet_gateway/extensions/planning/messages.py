@@ -9,7 +9,7 @@ from linked_fleet_gateway.fleet.xml import Vector
 
 
 class JointBounds(Struct, frozen=True):
-    """What a joint may do on a path: positions (rad or m), speed and acceleration.
+    """The limits of a joint on a path: positions (rad or m), speed and acceleration.
 
     A continuous joint has positions around its start and its goals.
     """

@@ -55,7 +55,7 @@ MODULE = "linked_fleet_gateway.extensions.planning.planning_process"
 SEARCH_S, MOST_SEARCH_S = 2.0, 20.0
 """The time for a search, by default and at most."""
 _ANSWER_S = 5.0
-"""What an answer may take beside the search: a turn, the scene, and the timing of the path."""
+"""Time that an answer may take beside the search: a turn, the scene, and the timing of the path."""
 MOST_WAITING, MOST_OF_ONE = 16, 4
 """Motions that wait for a plan, of all callers and of one."""
 MOST_S = 3600

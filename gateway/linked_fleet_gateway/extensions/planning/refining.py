@@ -24,7 +24,7 @@ _ONE_JOINT = 0.5
 """Share of the attempts that move one joint."""
 _TOWARDS_LINE = (1.0, 0.5, 0.25)
 _STRAIGHT = 0.02
-"""How far places may be from a straight line that replaces them (rad, m)."""
+"""Largest distance of places from a straight line that replaces them (rad, m)."""
 
 
 def refined(scene: Scene, path: JointPath, speeds: Array, step: float, within_s: float, seed: int) -> JointPath:

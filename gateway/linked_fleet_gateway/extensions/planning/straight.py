@@ -31,7 +31,7 @@ from linked_fleet_gateway.extensions.world.surfaces import Array
 from linked_fleet_gateway.extensions.world.surroundings import MovingRobot
 
 MOST_OFF_M, MOST_OFF_RAD = 0.001, math.radians(0.5)
-"""How far the link may be from the line, and its orientation from the even turn."""
+"""Largest distance of the link from the line, and of its orientation from the even turn."""
 STEP_M, STEP_RAD = 0.005, math.radians(1.0)
 _SOLVED_M, _SOLVED_RAD = 1e-6, 1e-6
 _DAMPING = 1e-4

@@ -16,7 +16,7 @@ from linked_fleet_gateway.fleet.model import JointKind
 MOST_WAIT_S = 10.0
 """The longest that a motion waits at its start."""
 STILL_RAD, STILL_M = 0.01, 0.001
-"""How far a joint may be from where its path begins when the robot gets the command."""
+"""Largest distance of a joint from the begin of its path when the robot gets the command."""
 _SHARES, _LEAST_S = (0.5, 1.0), 0.1
 """Shares of the time until the way is free after which it is tried, and the shortest wait."""
 _CURVE_SHARE = 0.97

@@ -15,7 +15,7 @@ from linked_fleet_gateway.rdf.vocabulary import UNIT, VOM
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _DECIMALS = 3
-"""What is rounded is less than the resolution of changes of positions: 1e-5 rad or m."""
+"""Digits of positions: what is rounded is less than the resolution of their changes, 1e-5 rad or m."""
 _SHOWN: Mapping[NamedNode, tuple[NamedNode, float, str]] = {
     UNIT.RAD: (UNIT.DEG, math.degrees(1.0), "°"),
     UNIT.M: (UNIT.MilliM, 1000.0, "mm"),

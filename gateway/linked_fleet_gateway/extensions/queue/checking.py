@@ -1,4 +1,4 @@
-"""What a client orders, checked against the fleet as it sees it."""
+"""Checks of an order against the fleet as its client sees it."""
 
 import time
 from dataclasses import dataclass

@@ -57,7 +57,7 @@ class Dispatcher:
         self._core, self._orders, self._assigned, self._most = core, orders, assigned, most
         self._needs, self._starts, self._runs = needs, starts, runs
         self.reasons: dict[str, str] = {}
-        """Why orders wait, as of the last pass."""
+        """The reasons why orders wait, as of the last pass."""
         self._abilities = Abilities()
         self._latches = core.optional_service(Latches)
         self._placements = [each for extension in core.extensions for each in extension.placements]

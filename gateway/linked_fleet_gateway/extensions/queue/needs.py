@@ -1,4 +1,4 @@
-"""What each order needs: the robots that its mission and its values name, and those that its choice allows."""
+"""The needs of each order: the robots that its mission and its values name, and those that its choice allows."""
 
 import asyncio
 import logging

@@ -45,7 +45,7 @@ class Choice(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True
 
 
 class Wanted(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """What a client says. ``input`` are values of the parameters of the ``mission``, an IRI.
+    """The statements of a client. ``input`` are values of the parameters of the ``mission``, an IRI.
 
     ``battery`` is the charge in percent that each of its robots has to have at the start. ``deadline`` is the
     xsd:dateTime until which it may begin.

@@ -1,4 +1,4 @@
-"""What other extensions may ask about orders and schedules: whose they are, and the starts to come."""
+"""The service for other extensions that ask about orders and schedules: whose they are, and the starts to come."""
 
 import time
 from collections.abc import Iterator, Mapping

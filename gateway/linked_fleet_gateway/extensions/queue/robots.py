@@ -19,7 +19,7 @@ Placement = Callable[[Robot], Pose | None]
 
 @dataclass(frozen=True)
 class Standing:
-    """Whether a robot can have an order: a reason why not, empty if it can.
+    """The ability of a robot to have an order: ``reason`` says why it cannot, empty if it can.
 
     A robot that is only ``busy`` is kept for the first order that waits for it; one that is not there is not.
     """
@@ -32,7 +32,7 @@ FREE = Standing()
 
 
 class Abilities:
-    """What robots have and offer, kept until they describe themselves anew."""
+    """The parts and actions of robots, kept until they describe themselves anew."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[object, object, frozenset[str]]] = {}

@@ -15,7 +15,7 @@ _DAY_S = 86_400
 
 
 class Planned(Struct, frozen=True, forbid_unknown_fields=True, omit_defaults=True):
-    """What a client says. ``within`` are the seconds after a start until which its order may begin; 0 for no end."""
+    """The statements of a client. Its order may begin ``within`` so many seconds after a start; 0 for no end."""
 
     order: Wanted
     rule: Annotated[str, Meta(min_length=1, max_length=500)]

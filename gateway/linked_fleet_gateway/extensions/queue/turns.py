@@ -11,7 +11,7 @@ MOST_REASONS = 4
 
 @dataclass(frozen=True)
 class Need:
-    """What an order needs: robots, and one of ``able`` besides if it has a choice. ``missing`` says why it cannot be
+    """The needs of an order: robots, and one of ``able`` besides if it has a choice. ``missing`` says why it cannot be
     told.
     """
 
@@ -22,7 +22,7 @@ class Need:
 
 @dataclass(frozen=True)
 class Turn:
-    """What a pass decides about an order: the reason why it waits; else its robots, and which was chosen."""
+    """The decision of a pass about an order: the reason why it waits; else its robots, and which was chosen."""
 
     reason: str = ""
     robots: tuple[str, ...] = ()

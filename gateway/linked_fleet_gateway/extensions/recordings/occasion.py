@@ -1,4 +1,4 @@
-"""Why something is recorded: the end of an invocation, or whatever another extension has seen."""
+"""The occasion of a recording: the end of an invocation, or whatever another extension has seen."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

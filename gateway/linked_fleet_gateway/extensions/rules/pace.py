@@ -1,4 +1,4 @@
-"""How often, and in which queue, the condition of a rule is evaluated.
+"""The pace and the queue in which the condition of a rule is evaluated.
 
 Rules of a client that cost much must not keep those of others from being evaluated, which may stop robots. Conditions
 that are known to be quick have a queue of their own; in both queues clients take turns. A condition that exceeds the

@@ -33,7 +33,7 @@ class Rule:
     interval_s: float = 1.0
     """Least time between two firings in seconds; rows that start to hold earlier are suppressed."""
     holds_for_s: float = 0.0
-    """How long a row must hold before it fires, in seconds."""
+    """Time that a row must hold before it fires, in seconds."""
     enabled: bool = True
     reason: str = ""
     """The reason if somebody else than its creator disabled it."""

@@ -154,7 +154,7 @@ class Sessions:
         self.identities, self.key, self._ended = identities, key, ended
         self.invitations: Invitations | None = None
         self.seen_s: dict[str, float] = {}
-        """When people were last here, by name (monotonic), the latest last."""
+        """Times at which people were last here, by name (monotonic), the latest last."""
         self._hearing: asyncio.Task[None] | None = None
 
     async def __aenter__(self) -> Self:

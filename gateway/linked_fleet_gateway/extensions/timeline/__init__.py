@@ -1,1 +1,1 @@
-"""What happened in the fleet, what happens and what is planned, by robot (README.md)."""
+"""The timeline: past, present and planned activities of the fleet, by robot (README.md)."""

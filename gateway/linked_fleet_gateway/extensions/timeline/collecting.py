@@ -24,7 +24,7 @@ _MOST_STARTS_S = 0.5
 
 
 class Chronicle(Struct, frozen=True):
-    """What is in a window at ``now_ns``: all that began from ``complete_ns`` on, planned until ``planned_ns``."""
+    """Activities in a window at ``now_ns``: all that began from ``complete_ns`` on, planned until ``planned_ns``."""
 
     window: Window
     now_ns: int

@@ -38,7 +38,7 @@ from linked_fleet_gateway.rdf.vocabulary import PROV
 MOST_REPLAYED = 4
 """Robots that the page of a fleet shows as they were."""
 MOST_ROWS = 4
-"""What more robots than these take part in has a bar in the row of the fleet alone."""
+"""Most robots of an activity that has a bar in the row of each; others are in the row of the fleet alone."""
 _LOOKS = {
     "good": ("succeeded", "cleared", "noted"),
     "busy": ("accepted", "running", "starting", "ending"),

@@ -212,7 +212,7 @@ class Checks:
 
     @property
     def surroundings(self) -> object:
-        """What differs once an object, a zone or the map has changed."""
+        """A value that differs once an object, a zone or the map has changed."""
         floor = self._maps.get(MAP_ID)
         known = {id: (key_of(each), each.held or each.pose) for id, each in self._objects.items()}
         return known, floor and floor.obstacles_key

@@ -1,4 +1,4 @@
-"""Where a robot comes closest to what is around it on a path.
+"""The place where a robot comes closest to what is around it on a path.
 
 The distance of two bodies decreases by no more than the motion of each joint, times its reach. So of two bodies, a part
 of the path is looked at only if they could be nearer there than the nearest known (Piyavskii and Shubert): first by
@@ -28,7 +28,7 @@ from linked_fleet_gateway.extensions.world.surroundings import (
 )
 
 _EXACT_M, _EXACT = 0.001, 0.05
-"""How exact the distance is: to so much, or to this share of it."""
+"""Resolution of the distance: this much, or this share of it."""
 _PARTS = 48
 """Parts of a path of which each pair is compared by bounding spheres."""
 

@@ -22,7 +22,7 @@ FINEST_M, COARSEST_M = 0.001, 1.0
 """Limits of the resolution."""
 MAX_YAML_BYTES = 4_096
 MAX_FORM_BYTES = 4_096
-"""What a form has besides its files."""
+"""The fields of a form besides its files."""
 MAX_IMAGE_BYTES = MAX_CELLS + 1_024
 MAX_UPLOAD_BYTES = MAX_IMAGE_BYTES + MAX_YAML_BYTES + MAX_FORM_BYTES
 MAX_STORED_BYTES = 4 * 2**20

@@ -1,4 +1,4 @@
-"""What robots hold, as further bodies of them, and what a hand may touch. Metre.
+"""Held objects as further bodies of robots, and what a hand may touch. Metre.
 
 Runs in the check process. A held object moves with its link. It is compared with what is around and with the parts of
 the robot that do not belong to its hand.

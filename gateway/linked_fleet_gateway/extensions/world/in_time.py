@@ -24,7 +24,7 @@ Ask = Callable[[Check], Awaitable[Answer]]
 
 
 class Judged(NamedTuple):
-    """What was found about a motion.
+    """The finding about a motion.
 
     It relies on the ``others``, and begins before ``until_ns`` of the clock of its robot. One that is not free now is
     free ``after_s``, if that is known.

@@ -210,7 +210,7 @@ class CollisionFound(Struct, frozen=True, tag="meets"):
 
 
 class ClosestFound(Struct, frozen=True):
-    """Where the robot comes closest to what ``met`` names, on the first path of a check.
+    """The place where the robot comes closest to what ``met`` names, on the first path of a check.
 
     Elsewhere it may come nearer than ``apart_m`` by ``uncertain_m``. ``at_s`` is the time on a trajectory.
     """

@@ -28,7 +28,7 @@ NEAR_M = 25.0
 
 
 class Surroundings:
-    """What is around robots with a placement, prepared by ``preparation``."""
+    """The surroundings of robots with a placement, prepared by ``preparation``."""
 
     def __init__(self, live: Live, preparation: Preparation, objects: Mapping[str, SceneObject], maps: Maps) -> None:
         self._live, self._preparation, self._objects, self._maps = live, preparation, objects, maps

@@ -93,7 +93,7 @@ async def end(cancel: Cancel, run: Invocation, reason: str) -> None:
 
 @dataclass
 class _Watched:
-    """What was known when the whole path of an invocation, to its ``end``, was found free."""
+    """The state in which the whole path of an invocation, to its ``end``, was found free."""
 
     invocation: str
     surroundings: object

@@ -23,7 +23,7 @@ class Refusals:
 
     @property
     def _map(self) -> str:
-        """What the map of the floor is called."""
+        """The name of the map of the floor."""
         found = self._maps.get(ID)
         return "the map of the floor" if found is None else f"{found.title} (map of the floor)"
 

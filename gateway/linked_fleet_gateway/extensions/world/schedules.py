@@ -16,7 +16,7 @@ from linked_fleet_gateway.fleet.model import JointKind
 from linked_fleet_gateway.fleet.robot import Robot
 
 BEHIND_S, AHEAD_S = 0.5, 0.1
-"""How far behind and ahead of its times a motion may be that keeps them."""
+"""Largest delay and lead of a motion that keeps its times."""
 FRESH_S = 0.3
 """The greatest age of the frame that shows this."""
 START_S = 0.5

@@ -1,4 +1,4 @@
-"""Where joints are on a segment of a path, by its completed share or by time. It loads no library.
+"""Positions of joints on a segment of a path, by its completed share or by time. It loads no library.
 
 Radian, metre, second.
 """

@@ -1,4 +1,4 @@
-"""What stands on the floor around a robot, seen from above, as far as the robot could meet it. Metre, radian.
+"""Obstacles on the floor around a robot, seen from above, as far as the robot could meet it. Metre, radian.
 
 Runs in the check process.
 """
