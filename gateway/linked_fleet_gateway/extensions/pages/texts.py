@@ -117,9 +117,7 @@ def english_words(iri: str) -> str:
 def _english_labels(added: tuple[Path, ...]) -> dict[str, str]:
     """Labels by term. ``added``: the files of extensions; other ones have other terms."""
     return {
-        subject.value: _inside(said.value)
-        for subject, said in _said_of_terms(RDFS.label)
-        if said.language in _ENGLISH
+        subject.value: _inside(said.value) for subject, said in _said_of_terms(RDFS.label) if said.language in _ENGLISH
     }
 
 
