@@ -167,7 +167,12 @@ def _inside(label: str) -> str:
 def sentence(text: str) -> str:
     """Return a text for people: terms in it, such as ``lf:lastSeen``, become words, ids of commands are left out."""
     plain = _COMMAND.sub(languages.translated("another command"), languages.known(text))
-    return _TERM.sub(lambda found: term_in_words(found[0].partition(":")[2]), plain)
+    return _TERM.sub(_named_term, plain)
+
+
+def _named_term(found: re.Match[str]) -> str:
+    prefix, _, name = found[0].partition(":")
+    return term_in_words(LF.iri + name if prefix == "lf" else name)
 
 
 def local_name(iri: str) -> str:

@@ -169,8 +169,12 @@ def named_terms(text: str) -> set[str]:
 
 def test_terms_are_explained_in_the_language_of_the_page(browser: Browser) -> None:
     """In the vocabulary, and by the tooltips of other pages."""
-    row = read(browser, "vocabulary", GERMAN).by_id("offline")
-    assert [each.text for each in row.all("td")][-1] == "Der Agent ist nicht verbunden, siehe zuletzt gesehen."
+    page = read(browser, "vocabulary", GERMAN)
+    assert [each.text for each in page.by_id("offline").all("td")][-1] == (
+        "Der Agent ist nicht verbunden, siehe zuletzt gesehen."
+    )
+    assert "eine Station, die es lädt (Ladestationen)" in page.by_id("Dock").text
+    assert [each.text for each in page.all("h1")] == ["Begriffe und Formen von Linked Fleet"]
     german, english = (tooltips(read(browser, "ur5/elbow_joint", each)) for each in (GERMAN, ENGLISH))
     assert english.keys() == german.keys() and len(german) > 5
     assert {term for term, said in german.items() if said == english[term] or "://" in said} == set()
