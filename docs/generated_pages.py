@@ -21,6 +21,8 @@ from linked_fleet_gateway.extensions.pages import api as pages
 _RDF_TYPE = NamedNode("http://www.w3.org/1999/02/22-rdf-syntax-ns#type")
 _RDFS = "http://www.w3.org/2000/01/rdf-schema#"
 _TERMS = "https://w3id.org/linked-fleet#"
+_ENGLISH = (None, "en")
+"""Languages of texts for these pages, which are in English."""
 
 
 def contract_modules() -> tuple[str, ...]:
@@ -129,7 +131,7 @@ def _local(iri: str) -> str:
 
 def _text(store: Store, term: NamedNode, name: str) -> str:
     found = (each.object for each in store.quads_for_pattern(term, NamedNode(_RDFS + name), None, None))
-    return next((each.value for each in found if isinstance(each, Literal)), "")
+    return next((each.value for each in found if isinstance(each, Literal) and each.language in _ENGLISH), "")
 
 
 def _table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:

@@ -66,9 +66,11 @@ def _texts(node: ast.expr) -> Iterator[str]:
 def _in_turtle(path: Path) -> Iterator[str]:
     triples = list(parse(path.read_bytes(), format=RdfFormat.TURTLE, base_iri="http://localhost/"))
     kinds = {each.subject for each in triples if each.object == _ACTION_KIND}
+    in_languages = {(each.subject, each.predicate) for each in triples if getattr(each.object, "language", None)}
     for each in triples:
         of_action = each.subject in kinds and each.predicate in _OF_ACTIONS
-        if isinstance(each.object, Literal) and (each.predicate == _DESCRIPTION or of_action):
+        has_own = (each.subject, each.predicate) in in_languages  # which needs no catalogue
+        if isinstance(each.object, Literal) and (each.predicate == _DESCRIPTION or of_action) and not has_own:
             yield each.object.value
 
 

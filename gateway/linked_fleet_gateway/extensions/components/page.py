@@ -21,7 +21,7 @@ def component(facts: Facts, iri: NamedNode) -> Part:
     leading = {predicate for predicate, values in facts.of.get(iri, {}).items() if listed.issuperset(values)}
     more = {
         "presence": presence(facts, iri),
-        "comment": facts.text(iri, RDFS.comment),
+        "comment": facts.spoken(iri, RDFS.comment),
         "fault": facts.text(iri, LF.fault),
         "told": [card for each, card in found if not facts.is_a(each, LF.ComponentEvent)],
         "events": [card for each, card in found if facts.is_a(each, LF.ComponentEvent)],

@@ -5,7 +5,7 @@ Sentences about tasks and requests are made from paths: "rotate right_s1" for an
 
 import math
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -106,7 +106,7 @@ def _term_in_words(iri: str, language: str) -> str:
 @lru_cache(maxsize=4096)
 def english_words(iri: str) -> str:
     """Return a term in English words, which are also the message that is translated."""
-    if said := _SPELT.get(iri) or _described(added_files(VOCABULARY)).get(iri, ("", ""))[0]:
+    if said := _SPELT.get(iri) or _english_labels(added_files(VOCABULARY)).get(iri, ""):
         return said
     local = _DIMENSIONS.sub(r" \1", iri.rstrip("#/").replace("#", "/").rpartition("/")[2])
     parts = [each if each.isupper() and len(each) > 1 else each.lower() for each in _WORD.findall(local)]
@@ -114,18 +114,28 @@ def english_words(iri: str) -> str:
 
 
 @lru_cache(maxsize=1)
-def _described(added: tuple[Path, ...]) -> dict[str, tuple[str, str]]:
-    """Label and comment by term. ``added``: the files of extensions; other ones have other terms."""
-    found = {}
+def _english_labels(added: tuple[Path, ...]) -> dict[str, str]:
+    """Labels by term. ``added``: the files of extensions; other ones have other terms."""
+    return {
+        subject.value: _inside(said.value) for subject, said in _said_of_terms(RDFS.label) if said.language in _ENGLISH
+    }
+
+
+@lru_cache(maxsize=1)
+def _comments(added: tuple[Path, ...]) -> dict[tuple[str, str], str]:
+    """Comments by term of this project and language."""
+    return {
+        (subject.value, said.language or languages.ENGLISH): said.value
+        for subject, said in _said_of_terms(RDFS.comment)
+        if subject.value.startswith(LF.iri)
+    }
+
+
+def _said_of_terms(predicate: NamedNode) -> Iterator[tuple[NamedNode, Literal]]:
     for subject, triples in load_turtle(VOCABULARY).items():
-        if isinstance(subject, NamedNode):
-            said = {
-                each.predicate: each.object.value
-                for each in triples
-                if isinstance(each.object, Literal) and each.object.language in _ENGLISH
-            }
-            found[subject.value] = _inside(said.get(RDFS.label, "")), said.get(RDFS.comment, "")
-    return found
+        for each in triples:
+            if isinstance(subject, NamedNode) and each.predicate == predicate and isinstance(each.object, Literal):
+                yield subject, each.object
 
 
 @lru_cache(maxsize=1)
@@ -142,17 +152,11 @@ def _labels(added: tuple[Path, ...]) -> dict[tuple[str, str], str]:
     return found
 
 
-def label_and_comment(iri: str) -> tuple[str, str]:
-    """Return the English label and comment of a term of this project's vocabulary; empty for any other."""
-    label, comment = _described(added_files(VOCABULARY)).get(iri, ("", "")) if iri.startswith(LF.iri) else ("", "")
-    return label, sentence(comment)
-
-
 def help_of(iri: str) -> str:
-    """Return the comment of a term in the language of the page; empty if it is in English alone."""
-    said = _described(added_files(VOCABULARY)).get(iri, ("", ""))[1] if iri.startswith(LF.iri) else ""
-    is_known = languages.language() == languages.ENGLISH or languages.known(said) != said
-    return sentence(said) if is_known else ""
+    """Return the comment of a term of this project in the language of the page, else in English; empty without one."""
+    comments = _comments(added_files(VOCABULARY))
+    english = languages.translated(comments.get((iri, languages.ENGLISH), ""))
+    return sentence(comments.get((iri, languages.language())) or english)
 
 
 def _inside(label: str) -> str:
@@ -163,7 +167,12 @@ def _inside(label: str) -> str:
 def sentence(text: str) -> str:
     """Return a text for people: terms in it, such as ``lf:lastSeen``, become words, ids of commands are left out."""
     plain = _COMMAND.sub(languages.translated("another command"), languages.known(text))
-    return _TERM.sub(lambda found: term_in_words(found[0].partition(":")[2]), plain)
+    return _TERM.sub(_named_term, plain)
+
+
+def _named_term(found: re.Match[str]) -> str:
+    prefix, _, name = found[0].partition(":")
+    return term_in_words(LF.iri + name if prefix == "lf" else name)
 
 
 def local_name(iri: str) -> str:

@@ -206,7 +206,7 @@ def robot(facts: Facts, iri: NamedNode) -> Part:
         "actions": robot_panel.other_actions(actions(facts, iri), panel),
         "poses": [_pose(facts, each) for each in facts.all(iri, LF.namedPose)],
         "cards": [of for _, of in settings],
-        "comment": facts.text(iri, RDFS.comment),
+        "comment": facts.spoken(iri, RDFS.comment),
         "unchecked": unchecked_links(facts, iri),
     }
     shown = PRESENCE | {

@@ -166,9 +166,9 @@ class Facts:
         return texts.clean(found.value) if isinstance(found, Literal) else ""
 
     def spoken(self, subject: Term, predicate: NamedNode) -> str:
-        """Return the text in the language of the page; else that in English, or without a language."""
+        """Return the text in the language of the page; else in English, without a language, or in any other."""
         found = {each.language: each.value for each in self.all(subject, predicate) if isinstance(each, Literal)}
-        wanted = (languages.language(), languages.ENGLISH, None)
+        wanted = (languages.language(), languages.ENGLISH, None, *found)
         return texts.clean(next((found[each] for each in wanted if each in found), ""))
 
     def iri_of(self, subject: Term, predicate: NamedNode) -> str:

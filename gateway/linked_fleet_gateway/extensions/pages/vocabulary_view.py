@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.extensions.pages import texts
+from linked_fleet_gateway.extensions.pages import languages, texts
 from linked_fleet_gateway.extensions.pages.languages import say
 from linked_fleet_gateway.extensions.pages.values import Facts, Link
 from linked_fleet_gateway.extensions.pages.views import LF, Part
@@ -44,7 +44,8 @@ def vocabulary(facts: Facts, iri: NamedNode) -> Part:
         "shapes": say("Shapes"),
     }
     sections = [VocabularySection(mark, titles[mark], _sorted(found[mark])) for mark in titles if found[mark]]
-    return Part({"sections": sections}, frozenset(), set(facts.of) - {iri}, facts.text(iri, DCTERMS.title))
+    title = languages.known(facts.text(iri, DCTERMS.title))
+    return Part({"sections": sections}, frozenset(), set(facts.of) - {iri}, title)
 
 
 def _section(facts: Facts, term: NamedNode) -> str:

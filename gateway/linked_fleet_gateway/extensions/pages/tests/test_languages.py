@@ -3,9 +3,11 @@
 import importlib.util
 import re
 from collections.abc import Iterator, Mapping
+from pathlib import Path
 from types import ModuleType
 
 import pytest
+from pyoxigraph import Literal, RdfFormat, parse
 
 from browser import LF, Browser
 from dom import Element, parsed
@@ -13,6 +15,7 @@ from linked_fleet_gateway.extensions.pages.help import help_of
 from linked_fleet_gateway.extensions.pages.languages import chosen_language, known, say, speaking
 from linked_fleet_gateway.extensions.pages.templating import messages_of, with_calls
 from linked_fleet_gateway.extensions.pages.views import added_views
+from linked_fleet_gateway.rdf.vocabulary import RDFS
 from outside_catalogue import MARKED, outside
 from plain_words import texts
 from running import ROOT
@@ -134,11 +137,53 @@ def test_no_extension_says_again_what_the_pages_say(script: ModuleType) -> None:
             assert shared.keys().isdisjoint(script.catalogue(path.parents[1], "de")), path
 
 
+def vocabularies(script: ModuleType) -> list[Path]:
+    return [script.SHAPES / "vocabulary.ttl", *script.EXTENSIONS.glob("*/vocabulary.ttl")]
+
+
 def test_every_term_of_the_vocabulary_has_a_german_label(script: ModuleType) -> None:
-    files = [script.SHAPES / "vocabulary.ttl", *script.EXTENSIONS.glob("*/vocabulary.ttl")]
-    for path in files:
+    for path in vocabularies(script):
         text = path.read_text()
         assert len(re.findall(r'rdfs:label "', text)) == len(re.findall(r'rdfs:label "[^"]*" , "[^"]+"@de', text)), path
+
+
+def test_every_term_of_the_vocabulary_has_a_german_comment(script: ModuleType) -> None:
+    """It is a sentence that names the same terms as the English one, which has no language."""
+    comments: dict[object, dict[str | None, str]] = {}
+    for path in vocabularies(script):
+        for each in parse(path.read_bytes(), format=RdfFormat.TURTLE):
+            if each.predicate == RDFS.label:
+                comments.setdefault(each.subject, {})
+            elif each.predicate == RDFS.comment and isinstance(each.object, Literal):
+                comments.setdefault(each.subject, {})[each.object.language] = each.object.value
+    assert len(comments) > 600
+    for term, said in comments.items():
+        assert said.keys() == {None, "de"}, term
+        assert said["de"].endswith(".") and said["de"] != said[None], term
+        assert named_terms(said["de"]) == named_terms(said[None]), term
+
+
+def named_terms(text: str) -> set[str]:
+    return set(re.findall(r"\b[a-z]+:[A-Za-z]\w*", text))
+
+
+def test_terms_are_explained_in_the_language_of_the_page(browser: Browser) -> None:
+    """In the vocabulary, and by the tooltips of other pages."""
+    page = read(browser, "vocabulary", GERMAN)
+    assert [each.text for each in page.by_id("offline").all("td")][-1] == (
+        "Der Agent ist nicht verbunden, siehe zuletzt gesehen."
+    )
+    assert "eine Station, die es lädt (Ladestationen)" in page.by_id("Dock").text
+    assert [each.text for each in page.all("h1")] == ["Begriffe und Formen von Linked Fleet"]
+    german, english = (tooltips(read(browser, "ur5/elbow_joint", each)) for each in (GERMAN, ENGLISH))
+    assert english.keys() == german.keys() and len(german) > 5
+    assert {term for term, said in german.items() if said == english[term] or "://" in said} == set()
+
+
+def tooltips(page: Element) -> dict[str, str]:
+    """Return the titles of links to terms by the addresses of the terms."""
+    links = [each for each in page.all("a") if "/vocabulary#" in each.get("href") and "title" in each.attributes]
+    return {each["href"]: each["title"] for each in links}
 
 
 # -- messages in templates ------------------------------------------------------------------------------------------

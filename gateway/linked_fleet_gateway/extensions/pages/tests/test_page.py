@@ -69,6 +69,17 @@ def test_texts_of_a_robot_are_escaped(evil: str, kind: NamedNode | None) -> None
 
 
 @pytest.mark.parametrize(
+    ("given", "shown"),
+    [("en de fr", "in de"), ("fr en", "in en"), ("fr", "in fr")],
+)
+def test_a_comment_is_shown_in_the_language_of_the_reader_if_it_is_known(given: str, shown: str) -> None:
+    comments = [said(RDFS.comment, Literal(f"in {each}", language=each)) for each in given.split()]
+    german = PageContext(Reader(languages="de"))
+    root = parsed(page(said(RDF.type, LF.Robot), *comments, context=german))
+    assert [each.text.strip() for each in root.all("p") if each.get("class") == "comment"] == [shown]
+
+
+@pytest.mark.parametrize(
     "iri", ["javascript:alert(1)", "data:text/html,x", "vbscript:x", "urn:x", "file:///etc/passwd"]
 )
 def test_only_web_addresses_are_links(iri: str) -> None:

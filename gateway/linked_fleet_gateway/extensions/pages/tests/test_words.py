@@ -99,7 +99,8 @@ def test_a_motion_is_a_sentence() -> None:
 def test_terms_are_words_and_have_help() -> None:
     assert texts.term_in_words("http://vocab.arvida.de/2015/06/spatial/vocab#Rotation3D") == "rotation 3D"
     assert texts.term_in_words(f"{LF}lastSeen") == "last seen"
-    assert texts.label_and_comment(f"{LF}offline")[1] == "The agent is not connected; see last seen."
+    assert texts.help_of(f"{LF}offline") == "The agent is not connected; see last seen."
+    assert texts.help_of("http://www.w3.org/2000/01/rdf-schema#label") == ""
     assert not re.search(r"[a-z]:[a-z]", texts.sentence("see lf:lastSeen, maths:x"))
 
 

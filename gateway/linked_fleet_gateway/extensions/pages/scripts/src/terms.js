@@ -34,8 +34,8 @@ async function fetchTerms() {
     const found = [...graph.subjects.keys()].filter((iri) => iri.startsWith(lf("")) && iri.length > lf("").length);
     return found.map((iri) => ({
       label: `lf:${localName(iri)}`,
-      detail: graph.value(iri, LABEL)?.value ?? "",
-      info: graph.value(iri, COMMENT)?.value,
+      detail: spoken(graph.values(iri, LABEL)) ?? "",
+      info: spoken(graph.values(iri, COMMENT)),
       type: /^[A-Z]/.test(localName(iri)) ? "class" : "property",
     }));
   } catch (error) {
@@ -43,6 +43,12 @@ async function fetchTerms() {
     console.debug("the vocabulary could not be fetched:", error);
     return [];
   }
+}
+
+/** Return the text in the language of the page; else that in English, or without a language. */
+function spoken(texts) {
+  const inLanguage = (language) => texts.find((each) => each.language === language);
+  return (inLanguage(document.documentElement.lang) ?? inLanguage("en") ?? inLanguage(undefined))?.value;
 }
 
 /** Insert a term, and declare its prefix if it is missing. */
