@@ -30,7 +30,7 @@ PLACES = {
     "go2": (0.0, -4.0, 0.0), "pmb2": (2.0, -1.2, 0.0),
 }  # fmt: skip
 HOST = "127.0.0.1"
-_READY_TIMEOUT_S = 60.0  # after this the address is printed although robots are missing
+_READY_TIMEOUT_S = 30.0  # after this the address is printed although robots are missing
 GRACE_S = 5.0  # a whole fleet takes little more than a second on an idle machine
 POLL_S = 0.1
 MOST_RESTARTS = 5  # of a gateway that somebody kills
