@@ -222,7 +222,9 @@ class Line {
     const shown = this.row?.querySelector("data");
     if (!shown) return;
     const text = Number.isFinite(value) ? `${number(/** @type {number} */ (value), this.unit)} ${this.unit}`.trim() : this.offline ? say("offline") : "–";
-    if (shown.textContent !== text) shown.textContent = text;
+    if (shown.textContent === text) return;
+    shown.textContent = text;
+    shown.value = Number.isFinite(value) ? String(value) : "";
   }
 
   end() {
