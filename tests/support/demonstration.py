@@ -78,16 +78,18 @@ class Demo:
     def agents(self) -> dict[str, int]:
         """Return the processes of agents by the robots that they serve, joined by commas."""
         found = {}
-        for pid in self.members():
-            words = Path(f"/proc/{pid}/cmdline").read_text().split("\0")
+        for pid, words in self._commands().items():
             if "linked_fleet_agent" in words:
                 found[",".join(words[at + 1] for at, word in enumerate(words) if word == "--robot")] = pid
         return found
 
     def gateway(self) -> int:
         """Return the process of the gateway."""
-        words = {pid: Path(f"/proc/{pid}/cmdline").read_text().split("\0") for pid in self.members()}
-        return next(pid for pid, said in words.items() if "linked_fleet_gateway" in said)
+        return next(pid for pid, words in self._commands().items() if "linked_fleet_gateway" in words)
+
+    def _commands(self) -> dict[int, list[str]]:
+        """Return the words of the command of each living process."""
+        return {pid: Path(f"/proc/{pid}/cmdline").read_text().split("\0") for pid in self.members()}
 
     def interrupt(self) -> int:
         """Press Ctrl-C: every process of the group gets the signal."""

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from commanding import all_see, arm
-from gateway_group import Gateway, Hub, gateways, hub
+from gateway_group import Gateway, Hub, gateways, hub, two_with_an_arm
 from receivers import Receiver, receiving
 from redis_servers import Servers, single
 
@@ -37,3 +37,10 @@ def two(_virtual: None, tmp_path_factory: pytest.TempPathFactory) -> Iterator[li
         all_see(found)
         yield found
         assert not [each.process.output for each in found if "Traceback" in each.process.output]
+
+
+@pytest.fixture
+def two_and_store(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Servers, Gateway, Gateway]]:
+    """Run a store, and two gateways that share it and see the robot ``ur5``."""
+    with two_with_an_arm(tmp_path_factory.mktemp("redis")) as found:
+        yield found

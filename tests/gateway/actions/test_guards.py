@@ -1,4 +1,4 @@
-"""What guards need to know about a motion is read before any motion is judged."""
+"""Guards judge no motion before what they need to know is read."""
 
 from types import SimpleNamespace
 from typing import Any, cast

@@ -35,7 +35,6 @@ class BoardsExtension(Extension):
 
     name = "boards"
     at_root = (SEGMENT,)
-    uses = ("history",)
     vocabulary = (HERE / "vocabulary.ttl",)
     shapes = (HERE / "shapes.ttl",)
     navigation = (NavigationEntry("Boards", f"/{SEGMENT}", 41),)
@@ -69,12 +68,11 @@ async def _check(known: Mapping[str, Board], board: Board, tree: Tree, caller: I
 
     Boards can be changed even if one of their robots is not there any more.
     """
-    foreign = next((each for each in board.bases if each != tree.view.base), None)
-    if foreign is not None:
+    if any(each != tree.view.base for each in board.bases):
         raise UnprocessableContent(f"The lines of a board are properties of this fleet, below {tree.view.base}/.")
     kept = {line for each in known.values() if _is_visible(each, tree.view.visible_robots) for line in each.lines}
     for line in board.lines:
-        if not _shows_number(tree, line) and line not in kept:
+        if line not in kept and not _shows_number(tree, line):
             raise UnprocessableContent(
                 f"{line[:200]} is no property with one measured number, such as /ur5/wrist_3_joint/rotation or the "
                 "charge of a battery."

@@ -15,12 +15,12 @@ _TEMPLATES = Path(__file__).parent / "templates"
 def boards(facts: Facts, iri: NamedNode) -> Part:
     members = facts.nodes(iri, LDP.contains)
     listed = sorted((facts.link(each) for each in members), key=lambda link: link.text.casefold())
-    return Part({"boards": listed, "root": facts.root}, {LDP.contains}, set(members))
+    return Part({"boards": listed}, {LDP.contains}, set(members))
 
 
 def board(facts: Facts, iri: NamedNode) -> Part:
     lines = [facts.placed_link(each) for each in facts.nodes(iri, LF.boardLine)]
-    return Part({"lines": lines, "root": facts.root}, {LF.boardLine})
+    return Part({"lines": lines}, {LF.boardLine})
 
 
 VIEWS = (

@@ -127,7 +127,7 @@ class Samples:
 
 
 class Reports:
-    """A message to the client of a stream: the robot's time, who drives, what became of its samples, and values."""
+    """Messages to the client of a stream: the robot's time, who drives, what became of its samples, and values."""
 
     def __init__(
         self, part: DeclaredComponent, robot: Robot, invocation: Invocation, samples: Samples, base: str

@@ -26,8 +26,6 @@ _SPAN = [
     ),
 ]
 _SPACED = [*_SPAN, parameter("every", "query", _SPACING, "The least time between two samples; others are left out.")]
-
-
 _OF = parameter(
     "of", "query", {"type": "string", "examples": ["battery/charge"]}, "A property, by its path below the robot."
 )

@@ -205,7 +205,7 @@ class Line {
     const near = !this.series ? [[], []] : this.offline ? [this.series.times, this.series.values] : /** @type {Data} */ (this.series.known());
     const [times, values] = this.board.span > LIVE_S ? joined(this.far, near) : near;
     const { ahead } = this;
-    return [times.map((time) => time - ahead), values];
+    return ahead ? [times.map((time) => time - ahead), values] : [times, values];
   }
 
   /** The present; undefined while the robot is away. */

@@ -62,7 +62,7 @@ async function save(/** @type {HTMLFormElement} */ form, /** @type {string} */ l
   const { boardForm = "", method } = form.dataset;
   const title = /** @type {HTMLInputElement | null} */ (form.elements.namedItem("title"));
   const { problem, location: made } = method === "POST" ? await send("POST", boardForm, { body: said(title?.value ?? "", [line]) }) : await change(boardForm, (lines) => [...lines, line]);
-  tell(form, problem ? `${problem.title}. ${problem.detail}` : "", Boolean(problem));
+  tell(form, problem ? `${problem.title}. ${problem.detail}` : "");
   if (made && !problem) location.assign(made);
   else if (!problem) refresh();
 }
@@ -91,8 +91,8 @@ function said(/** @type {string} */ title, /** @type {string[]} */ lines) {
   return `<> <${TITLE}> ${write({ kind: "literal", value: title })}${about} .`;
 }
 
-function tell(/** @type {HTMLFormElement} */ form, /** @type {string} */ text, isError = true) {
+function tell(/** @type {HTMLFormElement} */ form, /** @type {string} */ text) {
   const answer = /** @type {HTMLElement} */ (form.querySelector("output.answer"));
   answer.textContent = text;
-  if (text) answer.dataset.state = isError ? "error" : "done";
+  if (text) answer.dataset.state = "error";
 }

@@ -7,10 +7,11 @@ import pytest
 from rdflib import URIRef
 
 from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
-from browser import LDP, LF, Browser
-from gateway_group import Gateway, two_with_an_arm
+from browser import LF, Browser
+from gateway_group import Gateway
 from redis_servers import Servers
 from running import eventually
+from subscribers import members
 
 pytestmark = pytest.mark.virtual
 ELBOW = "elbow_joint/rotation"
@@ -23,8 +24,7 @@ def save(browser: Browser, *lines: str, title: str = "Elbows") -> httpx.Response
 
 
 def listed(browser: Browser) -> set[str]:
-    page = browser.page(browser.root + "boards")
-    return {str(each) for each in page.graph.objects(page.iri, LDP.contains)}
+    return members(browser.page(browser.root + "boards"))
 
 
 @pytest.fixture(scope="module")
@@ -84,14 +84,8 @@ def test_boards_take_the_right_to_act_and_properties_of_this_fleet(here: Authent
         assert save(ann, *(f"{SEEN}/{each}/{ELBOW}" for each in range(25))).status_code == 422
 
 
-@pytest.fixture
-def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Servers, Gateway, Gateway]]:
-    with two_with_an_arm(tmp_path_factory.mktemp("redis")) as found:
-        yield found
-
-
-def test_gateways_share_boards_which_outlive_their_robots(two: tuple[Servers, Gateway, Gateway]) -> None:
-    memory, one, other = two
+def test_gateways_share_boards_which_outlive_their_robots(two_and_store: tuple[Servers, Gateway, Gateway]) -> None:
+    memory, one, other = two_and_store
     path = save(one.browser, f"ur5/{ELBOW}", "ur5/wrist_1_joint/rotation").headers["location"]
     path = path.removeprefix(one.browser.root)
     eventually(lambda: other.get(other.browser.root + path).status_code == 200, "the board at the other gateway")

@@ -20,7 +20,7 @@ async function said(iri, spanS) {
   const [, robot, ...below] = pathname.split("/");
   const record = `${origin}/${robot}/history/values`;
   const of = `of=${encodeURIComponent(below.map(decodeURIComponent).join("/"))}`;
-  const after = await fetchSaid(`${record}?${of}&last=PT${spanS}S&every=PT${Math.max(EVERY_S, spanS / MOST_POINTS)}S`);
+  const after = await fetchSaid(`${record}?${of}&${latest(spanS)}`);
   if (!after) return undefined;
   const begin = new Date(after.askedMs - spanS * 1000).toISOString();
   const before = await fetchSaid(`${record}?${of}&at=${encodeURIComponent(begin)}`);
@@ -30,21 +30,33 @@ async function said(iri, spanS) {
 }
 
 /** Return times and numbers, and when they were asked for by the clock of the gateway; undefined if nothing is kept. */
-async function fetchSaid(/** @type {string | undefined} */ next) {
+async function fetchSaid(/** @type {string} */ first) {
   const rows = [];
-  let askedMs = Date.now();
-  for (let page = 0; next && page < MOST_PAGES; page++) {
-    const answer = await fetch(next, { headers: { Accept: "text/csv" }, signal: AbortSignal.timeout(LONGEST_MS) });
-    if (!answer.ok) return page ? { rows, askedMs } : undefined;
-    if (!page) askedMs = Date.parse(answer.headers.get("date") ?? "") || askedMs;
-    const [, ...lines] = (await answer.text()).split(/\r?\n/);
+  let askedMs;
+  for await (const { answer, text } of pagesOf(first)) {
+    askedMs ??= Date.parse(answer.headers.get("date") ?? "") || Date.now();
+    const [, ...lines] = text.split(/\r?\n/);
     for (const [time, , , value] of lines.filter(Boolean).map((each) => each.split(","))) {
       const number = value === "null" || value === "" ? NaN : Number(value);
       rows.push([Date.parse(time) / 1000, Number.isFinite(number) ? number : null]);
     }
+  }
+  return askedMs === undefined ? undefined : { rows, askedMs };
+}
+
+/** Yield the pages of a history in CSV. */
+async function* pagesOf(/** @type {string | undefined} */ next) {
+  for (let page = 0; next && page < MOST_PAGES; page++) {
+    const answer = await fetch(next, { headers: { Accept: "text/csv" }, signal: AbortSignal.timeout(LONGEST_MS) });
+    if (!answer.ok) return;
+    yield { answer, text: await answer.text() };
     next = linksOf(answer).find(({ relation }) => relation === "next")?.target;
   }
-  return { rows, askedMs };
+}
+
+/** Return the selection of the latest part, with no more points than a plot shows. */
+function latest(/** @type {number} */ spanS) {
+  return `last=PT${spanS}S&every=PT${Math.max(EVERY_S, spanS / MOST_POINTS)}S`;
 }
 
 /** @returns {Promise<string|undefined>} where the history of a measured property is, if it is remembered */
@@ -62,13 +74,7 @@ async function historyOf(iri) {
  */
 export async function fetchPast(iri, spanS) {
   const table = { names: [], times: [], columns: [] };
-  let next = `${iri}?last=PT${spanS}S&every=PT${Math.max(EVERY_S, spanS / MOST_POINTS)}S`;
-  for (let page = 0; next && page < MOST_PAGES; page++) {
-    const answer = await fetch(next, { headers: { Accept: "text/csv" }, signal: AbortSignal.timeout(LONGEST_MS) });
-    if (!answer.ok) break;
-    read(await answer.text(), table);
-    next = linksOf(answer).find(({ relation }) => relation === "next")?.target;
-  }
+  for await (const { text } of pagesOf(`${iri}?${latest(spanS)}`)) read(text, table);
   return table;
 }
 

@@ -11,9 +11,9 @@ import httpx
 import pytest
 
 from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
-from browser import LDP, LF, Browser
+from browser import LF, Browser
 from fake_robots import FakeRobot, open_session
-from gateway_group import Gateway, two_with_an_arm
+from gateway_group import Gateway
 from linked_fleet_gateway.api import Core, Invocation, Motion, Table
 from linked_fleet_gateway.extensions.latches.extension import Latches, StopLatched, _Guard, _heard
 from linked_fleet_gateway.extensions.latches.latch import Latch
@@ -23,6 +23,7 @@ from parallel import at_once
 from redis_servers import Servers
 from running import eventually
 from small_fleet import Place
+from subscribers import members
 
 pytestmark = pytest.mark.virtual
 S = 1_000_000_000
@@ -39,8 +40,7 @@ def move(browser: Browser, robot: str = SEEN, **headers: str) -> httpx.Response:
 
 
 def listed(browser: Browser) -> set[str]:
-    page = browser.page(browser.root + "stopLatches")
-    return {str(each) for each in page.graph.objects(page.iri, LDP.contains)}
+    return members(browser.page(browser.root + "stopLatches"))
 
 
 @pytest.fixture(scope="module")
@@ -119,16 +119,10 @@ def test_a_change_keeps_who_stopped_and_what(here: AuthenticatedGateway) -> None
         assert chief.http.delete(url).status_code == 204
 
 
-@pytest.fixture
-def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Servers, Gateway, Gateway]]:
-    with two_with_an_arm(tmp_path_factory.mktemp("redis")) as found:
-        yield found
-
-
 def test_gateways_share_latches_and_known_ones_hold_while_redis_is_away(
-    two: tuple[Servers, Gateway, Gateway],
+    two_and_store: tuple[Servers, Gateway, Gateway],
 ) -> None:
-    memory, one, other = two
+    memory, one, other = two_and_store
     assert latch(one.browser, "ur5/").status_code == 201
     eventually(lambda: move(other.browser, "ur5").status_code == 409, "the latch at the other gateway")
     memory.kill()

@@ -7,11 +7,12 @@ import pytest
 from rdflib import Literal, URIRef
 
 from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
-from browser import DCTERMS, LDP, LF, Browser
-from gateway_group import Gateway, two_with_an_arm
+from browser import DCTERMS, LF, Browser
+from gateway_group import Gateway
 from linked_fleet_gateway.extensions.notes import extension
 from redis_servers import Servers
 from running import eventually
+from subscribers import members
 
 pytestmark = pytest.mark.virtual
 JSON = {"accept": "application/json"}
@@ -22,8 +23,7 @@ def write(browser: Browser, about: str, text: str = "Mind the cable.") -> httpx.
 
 
 def listed(browser: Browser, path: str) -> set[str]:
-    page = browser.page(browser.root + path)
-    return {str(each) for each in page.graph.objects(page.iri, LDP.contains)}
+    return members(browser.page(browser.root + path))
 
 
 @pytest.fixture(scope="module")
@@ -113,14 +113,10 @@ def test_a_fault_has_notes(here: AuthenticatedGateway) -> None:
         assert (URIRef(url), LF.noteAbout, URIRef(fault)) in page.graph
 
 
-@pytest.fixture
-def two(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Servers, Gateway, Gateway]]:
-    with two_with_an_arm(tmp_path_factory.mktemp("redis")) as found:
-        yield found
-
-
-def test_gateways_share_notes_and_refuse_them_while_redis_is_away(two: tuple[Servers, Gateway, Gateway]) -> None:
-    memory, one, other = two
+def test_gateways_share_notes_and_refuse_them_while_redis_is_away(
+    two_and_store: tuple[Servers, Gateway, Gateway],
+) -> None:
+    memory, one, other = two_and_store
     path = write(one.browser, "ur5/").headers["location"].removeprefix(one.browser.root)
     eventually(lambda: other.get(other.browser.root + path).status_code == 200, "the note at the other gateway")
     memory.kill()

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from playwright.sync_api import Page, expect
+from playwright.sync_api import Locator, Page, expect
 
 from accessibility import violations_in_both_schemes
 from browser import LDP, LF
@@ -38,13 +38,19 @@ def shows(page: Page, *steps: str) -> None:
     eventually(lambda: outline(page) == ["One after the other", *steps], lambda: str(outline(page)))
 
 
-def test_a_mission_is_built_and_run(operator: PageUser, client: Client) -> None:
-    page, answer = operator.page, operator.page.locator("#builder .builder-head .answer")
+def begun(operator: PageUser, client: Client, title: str, parameter: str) -> tuple[Page, Locator]:
+    """Begin a mission with a parameter; return its page, and the place of answers."""
+    page = operator.page
     page.goto(client.root + "missions")
     operator.press(page.get_by_role("link", name="New mission"))
-    fill(page, "Title of the mission", "Nod")
+    fill(page, "Title of the mission", title)
     operator.press(page.get_by_role("button", name="Add a parameter"))
-    fill(page, "Name of value1", "angle")
+    fill(page, "Name of value1", parameter)
+    return page, page.locator("#builder .builder-head .answer")
+
+
+def test_a_mission_is_built_and_run(operator: PageUser, client: Client) -> None:
+    page, answer = begun(operator, client, "Nod", parameter="angle")
     for label, text in (("Least", "5"), ("Greatest", "500"), ("Default", "10")):
         page.get_by_label(f"{label} of").fill(text)
     page.get_by_label("Default of").press("Tab")
@@ -90,12 +96,7 @@ def test_a_mission_is_built_and_run(operator: PageUser, client: Client) -> None:
 
 def test_a_step_acts_on_the_robot_that_a_parameter_names(operator: PageUser, client: Client) -> None:
     """By its kind: whoever runs the mission says which robot it is."""
-    page, answer = operator.page, operator.page.locator("#builder .builder-head .answer")
-    page.goto(client.root + "missions")
-    operator.press(page.get_by_role("link", name="New mission"))
-    fill(page, "Title of the mission", "Whoever")
-    operator.press(page.get_by_role("button", name="Add a parameter"))
-    fill(page, "Name of value1", "who")
+    page, answer = begun(operator, client, "Whoever", parameter="who")
     page.get_by_label("Type of").select_option("thing")
     add(operator, "Do an action")
     page.get_by_label("Robot", exact=True).select_option(label="what who names")

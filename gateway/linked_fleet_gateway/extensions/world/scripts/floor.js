@@ -6,7 +6,7 @@ import { adopt } from "../../pages/scripts/src/region.js";
 import { parse } from "../../pages/scripts/src/ntriples.js";
 import { poseOf } from "../../pages/scripts/src/pose_of.js";
 import { watch } from "../../pages/scripts/src/socket.js";
-import { lf, RDF_TYPE, TITLE } from "../../pages/scripts/src/vocabulary.js";
+import { HAS_PART, lf, RDF_TYPE, TITLE } from "../../pages/scripts/src/vocabulary.js";
 import { mapOf } from "./floor_map.js";
 import { enable } from "./floor_upload.js";
 import { Robot } from "./floor_robot.js";
@@ -14,7 +14,6 @@ import { heading, outline, placed } from "./floor_shapes.js";
 import { draw, label, polygon, transform, words } from "./floor_svg.js";
 
 const CONTAINS = "http://www.w3.org/ns/ldp#contains";
-const HAS_PART = "http://purl.org/dc/terms/hasPart";
 const INTERVAL_S = 0.2;
 const MOST_ROBOTS = 40; // each needs two subscriptions
 const MARGIN_M = 0.5;

@@ -15,9 +15,8 @@ import { Target } from "../../pages/scripts/src/scene_target.js";
 import { View } from "../../pages/scripts/src/scene_view.js";
 import { parse } from "../../pages/scripts/src/ntriples.js";
 import { watch } from "../../pages/scripts/src/socket.js";
-import { lf } from "../../pages/scripts/src/vocabulary.js";
+import { HAS_PART, lf } from "../../pages/scripts/src/vocabulary.js";
 
-const HAS_PART = "http://purl.org/dc/terms/hasPart";
 const AHEAD = "200px"; // prepares a section before it is scrolled into view
 const MOST_ROBOTS = 40; // each needs a model and a stream of frames
 const ABOVE_FLOOR_M = 0.2;

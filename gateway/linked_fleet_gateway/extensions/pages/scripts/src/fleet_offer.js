@@ -1,13 +1,10 @@
 // What robots, their parts and the fleet offer, as far as the reader may know it.
 
 import { parse } from "./ntriples.js";
-import { ACTION, RDF_TYPE, TITLE, lf, localName, segments, words } from "./vocabulary.js";
+import { ACTION, HAS_PART, HYBRIT, RDF_TYPE, TITLE, lf, localName, segments, words } from "./vocabulary.js";
 
-const HYBRIT = "https://hybr-it-projekt.de/ns/hybr-it#";
 const LDP = "http://www.w3.org/ns/ldp#";
 const MOST_KINDS = 100;
-/** Leads from a robot to its joints, links and components. */
-export const PART = "http://purl.org/dc/terms/hasPart";
 
 /** @typedef {{action: string, name: string, thing: string}} Offered */
 
@@ -21,7 +18,7 @@ export async function fetchRobots(/** @type {string} */ root) {
 
 /** @returns {Promise<Offered[]>} the actions of a robot and of its parts */
 export async function fetchActions(/** @type {string} */ query, /** @type {string} */ robot, /** @type {boolean} */ parts) {
-  const things = parts ? `<${robot}> <${PART}>* ?thing .` : `VALUES ?thing { <${robot}> }`;
+  const things = parts ? `<${robot}> <${HAS_PART}>* ?thing .` : `VALUES ?thing { <${robot}> }`;
   const asked = `SELECT DISTINCT ?thing ?action { ${things} ?thing <${ACTION}> ?action FILTER(!CONTAINS(STR(?action), "/invocations/")) }`;
   const found = (await select(query, asked)).map(({ thing, action }) => offered(thing.value, action.value, robot));
   return found.sort((one, other) => one.thing.localeCompare(other.thing) || one.name.localeCompare(other.name));

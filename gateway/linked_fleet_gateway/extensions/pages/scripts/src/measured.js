@@ -1,22 +1,19 @@
 // What robots measure, and what their components say: numbers and texts by name.
 
-import { PART, select } from "./fleet_offer.js";
-import { lf, localName, unitSymbol, words } from "./vocabulary.js";
+import { select } from "./fleet_offer.js";
+import { HAS_PART, HYBRIT, NUMERICAL_VALUE, UNIT, lf, localName, unitSymbol, words } from "./vocabulary.js";
 
-const VOM = "http://vocab.arvida.de/2015/06/vom/vocab#";
-const HYBRIT = "https://hybr-it-projekt.de/ns/hybr-it#";
-const QUDT = "http://qudt.org/schema/qudt/";
 const OBSERVABLE = "http://www.w3.org/ns/sosa/ObservableProperty";
 
 /** @typedef {{thing: string, resource: string, path: string[], unit: string, name: string, text: boolean}} Measured `resource` is the property, `path` leads from `thing` to the value */
 
 /** Return the measured numbers, and the texts, of a robot and its parts. */
 export async function fetchValues(query, robot) {
-  const asked = `PREFIX hybrit: <${HYBRIT}> PREFIX vom: <${VOM}>
+  const asked = `PREFIX hybrit: <${HYBRIT}>
 SELECT DISTINCT ?thing ?property ?resource ?part ?unit ?text WHERE {
-  <${robot}> <${PART}>* ?thing . ?thing hybrit:property ?resource ; ?property ?resource .
+  <${robot}> <${HAS_PART}>* ?thing . ?thing hybrit:property ?resource ; ?property ?resource .
   FILTER(?property != hybrit:property)
-  { ?resource a <${OBSERVABLE}> ; ?part ?scalar . ?scalar vom:numericalValue ?number . OPTIONAL { ?scalar <${QUDT}unit> ?unit } }
+  { ?resource a <${OBSERVABLE}> ; ?part ?scalar . ?scalar <${NUMERICAL_VALUE}> ?number . OPTIONAL { ?scalar <${UNIT}> ?unit } }
   UNION { ?resource a <${lf("ComponentProperty")}> ; <${lf("value")}> ?text . BIND(<${lf("value")}> AS ?part) FILTER(isLiteral(?text)) }
 }`;
   const found = (await select(query, asked)).map((row) => measuredOf(robot, row));
@@ -29,7 +26,7 @@ function measuredOf(robot, { thing, property, resource, part, unit, text }) {
   const detail = ["value", "rotationAngle", "displacement"].includes(localName(part.value)) ? "" : ` ${words(localName(part.value))}`;
   // Properties of one make are named after their component: "simulation-property-time".
   const name = `${inside}${words(localName(property.value).replace(/^.*-property-/, ""))}${detail}`;
-  const path = [property.value, part.value, ...(text ? [] : [`${VOM}numericalValue`])];
+  const path = [property.value, part.value, ...(text ? [] : [NUMERICAL_VALUE])];
   const symbol = unit ? unitSymbol(unit.value) : "";
   return { thing: thing.value, resource: resource.value, path, unit: symbol, name, text: Boolean(text) };
 }

@@ -9,7 +9,9 @@ export const RESULT_TIME = "http://www.w3.org/ns/sosa/resultTime";
 export const NUMERICAL_VALUE = "http://vocab.arvida.de/2015/06/vom/vocab#numericalValue";
 export const PROV = "http://www.w3.org/ns/prov#";
 export const UNIT = "http://qudt.org/schema/qudt/unit";
-export const ACTION = "https://hybr-it-projekt.de/ns/hybr-it#action";
+export const HYBRIT = "https://hybr-it-projekt.de/ns/hybr-it#";
+export const ACTION = `${HYBRIT}action`;
+export const HAS_PART = "http://purl.org/dc/terms/hasPart";
 
 const XSD = "http://www.w3.org/2001/XMLSchema#";
 export const DECIMAL = `${XSD}decimal`;
