@@ -22,8 +22,8 @@ from linked_fleet_gateway.resources.paths import joint_or_link, robot_path
 class RobotTime(Struct, frozen=True):
     """The time of a request by the robot's own clock: its run, and the monotonic time of its latest frame.
 
-    The command keeps this time whatever delays follow (Redis, a turn), so it is refused as stale after too long or
-    after a stop.
+    The command keeps this time whatever delays follow (Redis, a turn), so it is refused as stale after too long (that
+    Redis takes long does not count for rules and missions) or after a stop.
     """
 
     incarnation: int
@@ -120,7 +120,8 @@ _FRAME_NS = 1_000_000_000  # a stop that is further ahead of the latest frame wa
 def build_command(id: str, motion: Motion, waited_ns: int = 0, *, rehearsal: bool = False) -> Command | Operate:
     """Return the command, with the time of the request, whatever time has passed since.
 
-    The time that the plan took does not count, nor ``waited_ns``, the time spent in collision checks.
+    The time that the plan took does not count, nor ``waited_ns``, the time spent in collision checks and, for rules and
+    missions, in Redis.
     """
     time_to_live_ns = min(TIME_TO_LIVE_NS + motion.computing_ns + waited_ns, MAX_TIME_TO_LIVE_NS)
     if motion.until_ns and not rehearsal:
@@ -157,8 +158,8 @@ class Caller(Struct, frozen=True):
 
     ``idempotency_key`` belongs to the request with ``request_digest``. ``body`` is the validated body as N-Triples.
     ``stoppable_robots`` are the robots that it may stop, ``visible_robots`` those that it may know of. ``rule`` is the
-    rule that acts for its creator, or empty. ``patience_s`` is how long it waits for an answer, if it says so.
-    ``identity`` has its rights.
+    rule, mission or order that acts for its creator, or empty. ``patience_s`` is how long it waits for an answer, if it
+    says so. ``identity`` has its rights.
     """
 
     name: str = ""

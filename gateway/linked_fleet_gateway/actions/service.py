@@ -119,9 +119,12 @@ class Actions:
             moves=motion.motion.moves if isinstance(motion.motion, Act) else (),
             resumes=isinstance(motion.motion, Act) and motion.motion.resumes,
         )
+        began_ns = time.monotonic_ns()
         invocation, is_new = await self._opening.create(invocation, caller)
         if not is_new:
             return await self._opening.first(robot, invocation)
+        if caller.rule:  # a program waits for Redis; a person would be surprised by a motion so late
+            waited_ns += self._stalls.elapsed_ns(began_ns)
         lease = robot.lease
         motion, checking_ns = await self._check(invocation, motion, caller, paths)
         waited_ns += checking_ns

@@ -12,6 +12,7 @@ from rdflib import URIRef
 
 from browser import LF
 from linked_fleet_gateway.actions.service import Actions
+from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.api import Invocation
 from mission_fleet import LASTS_S, TURNS, MissionFleet, mission_fleet
 from running import eventually
@@ -80,6 +81,23 @@ def test_each_step_is_taken_once_when_redis_is_away_for_a_while(fleet: MissionFl
         fleet.memory.kill()
         _lasts(away_s)
         fleet.memory.start()
+    fleet.succeeds(path)
+    assert fleet.taken() == TURNS
+
+
+@pytest.mark.parametrize("waits_s", [1.5, 2.5, 4.0])
+def test_a_step_that_waits_for_redis_is_not_late(
+    fleet: MissionFleet, monkeypatch: pytest.MonkeyPatch, waits_s: float
+) -> None:
+    """As while a replica takes over. The request of a person would be too old then, and is asked again."""
+    create = ActionStore.create
+
+    async def waits(self: ActionStore, invocation: Invocation, **more: Any) -> str | None:
+        await asyncio.sleep(waits_s)
+        return await create(self, invocation, **more)
+
+    path = fleet.begin()
+    monkeypatch.setattr(ActionStore, "create", waits)
     fleet.succeeds(path)
     assert fleet.taken() == TURNS
 

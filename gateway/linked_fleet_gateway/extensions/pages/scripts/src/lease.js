@@ -79,6 +79,7 @@ class Control {
     this.text.textContent = state !== "held" ? say("Nobody has it.") : this.mine ? say("You have control.") : `${holder}${until}`;
     held(this.iri, state === "held" && !this.mine ? holder : "");
     this.button.hidden = state === "held" && !this.mine;
+    delete this.button.dataset.unready;
     this.button.textContent = this.mine ? say("Give back") : say("Take control");
     const detail = { lease: this.iri, state, holder, mine: this.mine, look: () => this.look() };
     this.place.dispatchEvent(new CustomEvent("control", { bubbles: true, detail }));
