@@ -42,6 +42,7 @@ from linked_fleet_agent.wire.components import (
 )
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_agent.wire.schema import MAX_MEMBERS, Schema
+from linked_fleet_gateway.app.main import settle
 from linked_fleet_gateway.extensions.components.declarations import Input
 from linked_fleet_gateway.extensions.components.places import place_of
 from running import Process, eventually, free_port, process
@@ -165,7 +166,11 @@ def _joining() -> list[Row]:
 
 
 def _compiling() -> list[Row]:
-    """Return the rows of the shape of an input of as many numbers as one may have: processor of a thread."""
+    """Return the rows of the shape of an input of as many numbers as one may have: processor of a thread.
+
+    Garbage is collected as in a gateway.
+    """
+    settle()
     what = f"the shape of an input of {MAX_MEMBERS} numbers"
     alike = dict.fromkeys(_MEMBERS, Schema(type="number", unit="M", minimum=0, maximum=0.1))
     differ = {each: Schema(type="number", unit="N", minimum=at / 8, maximum=at + 0.3) for each, at in _MEMBERS.items()}

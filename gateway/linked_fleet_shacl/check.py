@@ -121,7 +121,7 @@ class Switch(Constraint):
             yield from self.table.get(term, ())
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, slots=True)
 class Shape:
     """A node shape (``path`` is None, and ``reach`` yields the focus alone) or a property shape.
 

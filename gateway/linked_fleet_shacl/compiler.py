@@ -94,13 +94,14 @@ class Compiler:
         """
         if isinstance(node, Literal) or node not in self.triples:
             raise Unsupported(f"{term_text(node)} is not described as a shape")
+        if (done := self._done.get((node, depth))) is not None:
+            return done
         if node in self._open:
             raise Unsupported(f"{term_text(node)} refers to itself")
-        if (node, depth) not in self._done:
-            self._open.add(node)
-            self._done[node, depth] = self._compile(node, depth)
-            self._open.discard(node)
-        return self._done[node, depth]
+        self._open.add(node)
+        shape = self._done[node, depth] = self._compile(node, depth)
+        self._open.discard(node)
+        return shape
 
     def _compile(self, node: Node, depth: int) -> Shape:
         stated = self.statements(node)
@@ -118,13 +119,18 @@ class Compiler:
         if SHACL.deactivated in stated and boolean(stated, SHACL.deactivated):
             return shape
         inner = depth if path is None else min(depth + 1, 2)
-        found = [
-            each for predicate in stated if (read := _READERS.get(predicate)) for each in read(self, stated, inner)
-        ]
-        if found:
-            shape.counts = tuple(each for each in found if isinstance(each, Count))
-            shape.relations = tuple(each for each in found if isinstance(each, Relation))
-            shape.value_constraints = tuple(each for each in found if isinstance(each, Constraint))
+        counts, relations, constraints = list[Count](), list[Relation](), list[Constraint]()
+        for predicate in stated:
+            if (read := _READERS.get(predicate)) is None:
+                continue
+            for each in read(self, stated, inner):
+                if isinstance(each, Constraint):
+                    constraints.append(each)
+                elif isinstance(each, Count):
+                    counts.append(each)
+                else:
+                    relations.append(each)
+        shape.counts, shape.relations, shape.value_constraints = tuple(counts), tuple(relations), tuple(constraints)
         shape.properties = tuple([self._property(each, inner) for each in stated.get(SHACL.property, ())])
         shape.requires = self._requires(shape, stated)
         shape.expected = _expected(shape)
@@ -212,8 +218,8 @@ class Compiler:
 
 def _refuse_unknown(stated: Statements) -> None:
     known = _KNOWN.union(_WITH_QUALIFIED) if SHACL.qualifiedValueShape in stated else _KNOWN
-    for predicate in stated:
-        if predicate not in known and predicate.value.startswith(SHACL.iri):
+    for predicate in stated.keys() - known:
+        if predicate.value.startswith(SHACL.iri):
             raise Unsupported(term_text(predicate))
     if SHACL.qualifiedValueShapesDisjoint in stated and boolean(stated, SHACL.qualifiedValueShapesDisjoint):
         raise Unsupported("sh:qualifiedValueShapesDisjoint")

@@ -5,6 +5,7 @@ Each accepts the same parameters as pySHACL; a shape that pySHACL would not load
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from operator import ge, gt, le, lt
 
 from pyoxigraph import BlankNode, Literal, NamedNode
@@ -36,13 +37,21 @@ _KINDS: Mapping[Term, tuple[tuple[type, ...], str]] = {
 
 
 def _min_count(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Count]:
-    least = _of_property(stated, natural_number(stated, SHACL.minCount))
-    yield Count(SHACL.MinCountConstraintComponent, f"have {_values(least)} or more", lambda _, v: len(v) >= least)
+    return (_at_least(_of_property(stated, natural_number(stated, SHACL.minCount))),)
 
 
 def _max_count(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Count]:
-    most = _of_property(stated, natural_number(stated, SHACL.maxCount))
-    yield Count(SHACL.MaxCountConstraintComponent, f"have {_values(most)} at most", lambda _, v: len(v) <= most)
+    return (_at_most(_of_property(stated, natural_number(stated, SHACL.maxCount))),)
+
+
+@lru_cache
+def _at_least(least: int) -> Count:
+    return Count(SHACL.MinCountConstraintComponent, f"have {_values(least)} or more", lambda _, v: len(v) >= least)
+
+
+@lru_cache
+def _at_most(most: int) -> Count:
+    return Count(SHACL.MaxCountConstraintComponent, f"have {_values(most)} at most", lambda _, v: len(v) <= most)
 
 
 def _of_property(stated: Statements, count: int) -> int:

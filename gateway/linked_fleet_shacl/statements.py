@@ -5,6 +5,7 @@ Anything that SHACL does not allow is Unsupported.
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Protocol
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
@@ -47,10 +48,16 @@ def at_most_one(stated: Statements, predicate: NamedNode) -> Term | None:
 
 def natural_number(stated: Statements, predicate: NamedNode) -> int:
     term = exactly_one(stated, predicate)
-    digits = isinstance(term, Literal) and term.datatype == XSD.integer and re.fullmatch("[0-9]{1,18}", term.value)
-    if not digits:
+    number = _natural_number(term)
+    if number is None:
         raise Unsupported(f"{term_text(predicate)} {term_text(term)}")
-    return int(digits.string)
+    return number
+
+
+@lru_cache
+def _natural_number(term: Term) -> int | None:
+    is_integer = isinstance(term, Literal) and term.datatype == XSD.integer
+    return int(term.value) if is_integer and re.fullmatch("[0-9]{1,18}", term.value) else None
 
 
 def boolean(stated: Statements, predicate: NamedNode) -> bool:

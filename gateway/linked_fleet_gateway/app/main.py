@@ -91,13 +91,13 @@ async def _serve(
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, server.begin_shutdown, number)
     async with app.router.lifespan_context(app), _followed(certificate):
-        _settle()
+        settle()
         print(f"serving {settings.public_urls[0]}/", flush=True)
         await server.serve(sockets=[listener])
     return 0
 
 
-def _settle() -> None:
+def settle() -> None:
     """Exempt present objects from garbage collection, and collect less often.
 
     A full collection held the event loop for 140 ms, and with Python's default threshold hundreds of messages at once

@@ -41,8 +41,7 @@ _UPPER_FORM = (SH.maxInclusive, SH.minExclusive)
 
 def largest_range(schema: Schema) -> Range:
     """Return the limits of all numbers of the type."""
-    most = MAX_INTEGER if schema.type == "integer" else MAX_NUMBER
-    return {SH.minInclusive: forms_of(-most)[0], SH.maxInclusive: forms_of(most)[1]}
+    return _LARGEST_INTEGERS if schema.type == "integer" else _LARGEST_NUMBERS
 
 
 def full_range(schema: Schema) -> Range:
@@ -67,6 +66,11 @@ def forms_of(value: float) -> tuple[Literal, Literal]:
     written = Decimal(repr(value))
     decimal = Literal(f"{written:f}", datatype=XSD.decimal)
     return (binary, decimal) if Decimal(value) <= written else (decimal, binary)
+
+
+_LARGEST_INTEGERS, _LARGEST_NUMBERS = (
+    {SH.minInclusive: forms_of(-most)[0], SH.maxInclusive: forms_of(most)[1]} for most in (MAX_INTEGER, MAX_NUMBER)
+)
 
 
 def _rounded(value: float) -> float:
