@@ -82,7 +82,7 @@ if ! $(1)/bin/python -m pip config list | grep -q index && $$run uv; then \
 $$run $(2) || $(1)/bin/python -m pip install -q $(2)
 endef
 
-.PHONY: architecture docs demo release try-release test test-extension extension-name test-long test-all check check-collisions docs-settings docs-extending requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures node-wot shacl-suite strangers ros-peers chromium egl java tools wrk caddy clean helm
+.PHONY: architecture docs demo release try-release test test-extension extension-name test-long test-all check check-collisions docs-settings docs-extending requirements fleet-check bench bench-robots bench-routers fuzz mutants soak assets pictures tasks node-wot shacl-suite strangers ros-peers chromium egl java tools wrk caddy clean helm
 
 demo: .venv/demo-stamp $(ASSETS)
 	@$(BIN)/python -m linked_fleet_demo --port $(PORT)
@@ -135,6 +135,14 @@ tools:
 test-long: export LONG_TESTS := 1
 test-long: .venv/stamp $(ASSETS) $(NODE_WOT) $(STRANGERS) $(CLIENTS) $(ROS_PEERS) chromium egl java tools helm
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder $(SECOND_TRY) -o timeout=1000 -o faulthandler_timeout=1100 -m 'test_all or hypothesis' $(LONG_ARGS)
+
+# Measures what operators do with the pages, in clicks and seconds, for docs/TASKS.md.
+tasks: export LONG_TESTS := 1
+tasks: export LINKED_FLEET_TASKS := $(abspath build/tasks.jsonl)
+tasks: .venv/stamp $(ASSETS) chromium
+	@mkdir -p build && rm -f $(LINKED_FLEET_TASKS)
+	$(BIN)/python -m pytest -m task $(EXTENSIONS)/pages/tests $(PYTEST_ARGS)
+	$(BIN)/python docs/operator_tasks.py $(LINKED_FLEET_TASKS)
 
 test-all: export ALL_EXAMPLES := 1
 test-all: test test-long fuzz soak fleet-check

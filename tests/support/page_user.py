@@ -1,5 +1,6 @@
 """Somebody at a page of the gateway, with a mouse or a finger, whose clicks or taps and drags are counted."""
 
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
@@ -12,17 +13,25 @@ SIZES: dict[str, ViewportSize] = {"desk": DESK, "phone": PHONE}
 
 
 class PageUser:
-    """``made`` counts clicks or taps, and drags."""
+    """``made`` counts clicks or taps, and drags. Of the first task ``needed`` is their number, ``took_s`` its time."""
 
     def __init__(self, page: Page, size: str) -> None:
         self.page, self.touch, self.made = page, size == "phone", 0
+        self._begun_s, self._done = time.monotonic(), False
+        self.needed, self.took_s = 0, 0.0
         self.said: list[str] = []
         """Warnings and errors on the console."""
         page.on("console", lambda message: message.type in ("error", "warning") and self.said.append(message.text))
 
-    def press(self, place: Locator) -> None:
+    def press(self, place: Locator, at: tuple[float, float] | None = None) -> None:
+        """Press in the middle, or ``at`` some pixels from the upper left corner."""
         self.made += 1
-        (place.tap if self.touch else place.click)()
+        (place.tap if self.touch else place.click)(position=None if at is None else {"x": at[0], "y": at[1]})
+
+    def finish(self) -> None:
+        """The task is done; what follows is not part of it."""
+        if not self._done:
+            self._done, self.needed, self.took_s = True, self.made, time.monotonic() - self._begun_s
 
     def drag(self, x: float, y: float, right: float, down: float = 0) -> None:
         self.made += 1

@@ -1,5 +1,6 @@
 """A real Chromium on real pages. A test fails if its page logs an error or contacts another origin."""
 
+import json
 import os
 from collections.abc import Iterator
 from pathlib import Path
@@ -19,6 +20,8 @@ from watched_page import Watched
 MANIFEST = Path(__file__).parents[1] / "assets" / "manifest.json"
 # a folder for the pictures of README.md, which are then taken in high resolution
 PICTURES = os.environ.get("LINKED_FLEET_PICTURES")
+# a file to which the tasks of operators are written, with their clicks and seconds (`make tasks`)
+TASKS = os.environ.get("LINKED_FLEET_TASKS")
 NO_WEBGL = """
     const own = HTMLCanvasElement.prototype.getContext;
     HTMLCanvasElement.prototype.getContext = function (kind, ...more) {
@@ -72,10 +75,20 @@ def page(chromium: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
 
 @pytest.fixture(params=list(SIZES))
 def operator(request: pytest.FixtureRequest, chromium: Browser, no_webgl: str) -> Iterator[PageUser]:
-    """Yield somebody at an empty page, on a desktop and on a phone; with WebGL in tests that are marked ``webgl``."""
-    drawing = request.node.get_closest_marker("webgl") is not None
+    """Yield somebody at an empty page, on a desktop and on a phone; with WebGL in tests that are marked ``webgl``.
+
+    A test that is marked ``task`` fails if its task takes more presses than the mark says.
+    """
+    drawing, task = request.node.get_closest_marker("webgl") is not None, request.node.get_closest_marker("task")
     with using_page(chromium, request.param, "" if drawing else no_webgl) as one:
         yield one
+    if task is not None:
+        one.finish()
+        assert one.needed <= task.kwargs["presses"], f"{one.needed} clicks, taps or drags"
+        if TASKS:
+            said = {"task": task.args[0], "size": request.param, "presses": one.needed, "seconds": round(one.took_s, 1)}
+            with Path(TASKS).open("a") as file:
+                file.write(json.dumps(said) + "\n")
 
 
 @pytest.fixture

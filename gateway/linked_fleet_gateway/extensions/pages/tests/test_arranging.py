@@ -1,18 +1,18 @@
 """The page of the world: objects are added, dragged, changed and deleted, robots are placed, and motions avoid them."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import Protocol
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, ViewportSize, expect
+from playwright.sync_api import Browser, Locator, Page, expect
 
 from browser import LF, MATHS
 from browser import Browser as Client
-from chromium import DESK, PHONE
 from commanding import PREFIXES, TURTLE
 from graphs import read
-from running import PATIENCE_S, eventually
+from page_user import PageUser
+from running import eventually
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all, pytest.mark.webgl]
@@ -59,14 +59,19 @@ def _coordinate(form: Locator, axis: str) -> Locator:
     return form.locator(f'fieldset[data-path="{LF.position}"] input[data-path$="#{axis}"]')
 
 
-def _add(page: Page, title: str, position: tuple[float, float, float], click: str = "click") -> Locator:
+def _add(
+    page: Page,
+    title: str,
+    position: tuple[float, float, float],
+    press: Callable[[Locator], None] = Locator.click,
+) -> Locator:
     """Add an object by two clicks and some typing."""
-    getattr(page.locator("#objects > details > summary"), click)()
+    press(page.locator("#objects > details > summary"))
     form = page.locator("#objects > details form.invoke")
     form.get_by_label("title").fill(title)
     for axis, value in zip("xyz", position, strict=True):
         _coordinate(form, axis).fill(str(value))
-    getattr(form.get_by_role("button", name="add", exact=True), click)()
+    press(form.get_by_role("button", name="add", exact=True))
     expect(form.locator("output.answer")).to_contain_text(f"Done: {title}")
     made = form.get_by_role("link", name=title, exact=True).get_attribute("href")
     return page.locator(f'[data-thing="{made}"]')
@@ -181,48 +186,33 @@ def _before_it(client: Client) -> tuple[float, float, float]:
     return round(-y, 3), round(x, 3), round(z, 3)  # a quarter turn further
 
 
-@pytest.mark.parametrize(("size", "touch", "most"), [(DESK, False, 4), (PHONE, True, 4)], ids=["desktop", "phone"])
-def test_a_crate_is_placed_and_a_motion_refused(
-    chromium: Browser, client: Client, size: ViewportSize, touch: bool, most: int
-) -> None:
+@pytest.mark.task("Put a crate into the world, and see that a motion would meet it", presses=4)
+def test_a_crate_is_placed_and_a_motion_refused(operator: PageUser, client: Client) -> None:
     """Open the form, save it, go to the robot, and set a joint: four clicks or taps."""
-    context = chromium.new_context(
-        viewport=size, has_touch=touch, is_mobile=touch, reduced_motion="reduce", device_scale_factor=0.5
-    )
-    context.set_default_timeout(PATIENCE_S * 1000)
-    page = context.new_page()
-    said: list[str] = []
-    page.on("console", lambda message: message.type in ("error", "warning") and said.append(message.text))
-    made = []
-    click = "tap" if touch else "click"
+    page = operator.page
     page.goto(str(client.page(client.root).one(LF.world)))
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
-    assert page.evaluate("document.documentElement.scrollWidth") == size["width"]
-    item = _add(page, "crate", _before_it(client), click)
-    made += ["add", "save"]
-    crate = _iri(item)
-    getattr(page.locator("#robots h3 a"), click)()
-    made.append("robot")
+    assert operator.fits()
+    crate = _iri(_add(page, "crate", _before_it(client), operator.press))
+    operator.press(page.locator("#robots h3 a"))
     expect(page.locator("form.motion .slider")).to_have_count(6)
     expect(page.locator("#scene")).to_have_attribute("data-phase", "ready")
     row = page.locator(f'.slider[data-joint="{client.part("ur5", JOINT).url}"]')
     track = row.locator("input[type=range]")
     box = track.bounding_box()
     assert box is not None
-    getattr(track, click)(position={"x": box["width"] * 0.75, "y": box["height"] / 2})
-    made.append("aim")
+    operator.press(track, at=(box["width"] * 0.75, box["height"] / 2))
     answer = page.locator("form.motion .answer")
     expect(answer).to_contain_text(re.compile(r"would meet crate \(obstacle\) after \d+ % of the way"))
     links = {each.get_attribute("href") for each in answer.get_by_role("link").all()}
     assert crate in links
     assert len(links) == 2
     expect(page.locator("#scene")).to_have_attribute("data-contact", "")
-    assert len(made) <= most
+    operator.finish()
     page.goto(str(client.page(client.root).one(LF.world)))
     refused = page.locator("#collisions li")
     expect(refused).to_contain_text("would meet crate (obstacle)")
     assert {each.get_attribute("href") for each in refused.get_by_role("link").all()} == links
     expect(page.locator("#scene")).to_have_attribute("data-contacts", "1")
-    assert [each for each in said if "409" not in each] == []
+    operator.forgive("409")
     assert client.http.delete(crate).status_code == 204
-    context.close()

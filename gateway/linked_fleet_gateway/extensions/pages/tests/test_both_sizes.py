@@ -1,7 +1,6 @@
 """Tasks of an operator on a desktop and on a phone, counted in clicks or taps, and in drags."""
 
 import re
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,6 @@ from playwright.sync_api import Locator, Page, expect
 
 from browser import LF
 from browser import Browser as Client
-from chromium import MainThread
 from commanding import TURTLE, of_joint, of_robot, slowly
 from fake_robots import FakeRobot, many_robots, open_session
 from page_user import PageUser
@@ -42,6 +40,7 @@ def moving(client: Client) -> Iterator[str]:
     client.http.post(of_robot(client, LF.StopRobot))
 
 
+@pytest.mark.task("See which robot moves, and go to it", presses=1)
 def test_a_moving_robot_is_reached_with_one_click(operator: PageUser, client: Client, moving: str) -> None:
     """The card of the robot says what it does; a press on it leads to the robot, whose page shows how far that is."""
     page = operator.page
@@ -54,7 +53,6 @@ def test_a_moving_robot_is_reached_with_one_click(operator: PageUser, client: Cl
     eventually(_changed(thumbnail, before), "another pose on the card")
     operator.press(card.locator("h3 a"))
     expect(page.locator("#tasks .task, .task").first).to_contain_text("shoulder_pan_joint")
-    assert operator.made == 1
 
 
 def _changed(image: Locator, before: str | None) -> Callable[[], bool]:
@@ -65,6 +63,7 @@ def _changed(image: Locator, before: str | None) -> Callable[[], bool]:
     return look
 
 
+@pytest.mark.task("Bring the tip of an arm to a point in 3D", presses=3)
 @pytest.mark.webgl
 def test_a_point_is_reached_in_the_scene(operator: PageUser, client: Client) -> None:
     """Open *reach*, drag its target, whereupon a dry run says what would happen, and send it."""
@@ -84,7 +83,6 @@ def test_a_point_is_reached_in_the_scene(operator: PageUser, client: Client) -> 
     expect(form.locator(".answer")).to_contain_text("It would work")
     operator.press(form.get_by_role("button", name="reach", exact=True))
     expect(form.locator(".task .state")).to_have_text("succeeded")
-    assert operator.made == 3
 
 
 def _drawn(page: Page) -> Callable[[], Any]:
@@ -93,6 +91,7 @@ def _drawn(page: Page) -> Callable[[], Any]:
     return lambda: page.evaluate(drawn)
 
 
+@pytest.mark.task("Download what a robot did", presses=1)
 def test_a_recording_is_downloaded_with_one_click(operator: PageUser, client: Client) -> None:
     page = operator.page
     page.goto(client.robot("ur5").url)
@@ -103,9 +102,9 @@ def test_a_recording_is_downloaded_with_one_click(operator: PageUser, client: Cl
         operator.press(figure.get_by_role("link", name="MCAP"))
     assert download.value.suggested_filename == "ur5-history.mcap"
     assert download.value.path().read_bytes().startswith(b"\x89MCAP")
-    assert operator.made == 1
 
 
+@pytest.mark.task("Find the past of a joint in plots", presses=2)
 def test_the_history_of_a_robot_is_found_with_two_clicks(operator: PageUser, client: Client) -> None:
     """From any page: its chart is filled with the past, of several joints, and reaches as far back as one likes."""
     page = operator.page
@@ -114,7 +113,7 @@ def test_the_history_of_a_robot_is_found_with_two_clicks(operator: PageUser, cli
     expect(page.get_by_role("heading", level=1)).to_have_text("History")
     assert operator.fits()
     operator.press(page.get_by_role("row", name=re.compile("^ur5")).get_by_role("link", name="ur5", exact=True))
-    assert operator.made == 2
+    operator.finish()
     figure = page.locator("figure.chart")
     eventually(lambda: int(figure.get_attribute("data-remembered") or 0) > 5, "the past")
     drawing = figure.locator("[role=img]")
@@ -135,19 +134,14 @@ def thousand(tmp_path: Path) -> Iterator[tuple[Client, list[FakeRobot]]]:
         yield client, actors
 
 
+@pytest.mark.task("Find one of a thousand robots", presses=1)
 def test_a_thousand_robots_can_be_searched(thousand: tuple[Client, list[FakeRobot]], operator: PageUser) -> None:
-    """Measured in processor time of the main thread, so that other programs do not count."""
+    """What it costs is measured by ``bench/console.py``."""
     (client, actors), page = thousand, operator.page
-    thread = MainThread(page)
     page.goto(client.root, wait_until="domcontentloaded")
     eventually(lambda: page.evaluate(CARDS) == THOUSAND, "a thousand cards")
-    assert thread.busy_s() < 2.0
-    assert _share(page, thread) < 0.3
-    before, begun_s = thread.busy_s(), time.monotonic()
     page.locator("#filter-text").fill("robot-09 robot")
     expect(page.locator("#shown")).to_have_text(f"100 of {THOUSAND} shown")
-    meanwhile = 0.3 * (time.monotonic() - begun_s)  # what comes from the robots, as above
-    assert thread.busy_s() - before - meanwhile < 0.8
     for actor in actors[900:905]:
         actor.leave()
     page.get_by_label("Presence").select_option("offline")
@@ -158,15 +152,7 @@ def test_a_thousand_robots_can_be_searched(thousand: tuple[Client, list[FakeRobo
     assert page.evaluate(FETCHED) < 60
     operator.press(page.locator("#robots .card:visible a"))
     expect(page.get_by_role("heading", level=1)).to_have_text("The robot-0903")
-    assert operator.made == 1
 
 
 def _cards(client: Client) -> int:
     return client.http.get(client.root, headers={"accept": "text/html"}).text.count('<li class="card robot"')
-
-
-def _share(page: Page, thread: MainThread) -> float:
-    """Return the share of the main thread in three seconds of the page."""
-    before, begin = thread.busy_s(), page.evaluate("performance.now()")
-    page.wait_for_timeout(3000)
-    return (thread.busy_s() - before) * 1000 / float(page.evaluate("begin => performance.now() - begin", begin))

@@ -37,6 +37,7 @@ def _log_in(page: Page, own: AuthenticatedGateway, name: str) -> None:
     page.get_by_role("button", name="Log in").click()
 
 
+@pytest.mark.task("Log in, and see what one may do", presses=1)
 def test_a_token_opens_what_it_is_for(operator: PageUser, own: AuthenticatedGateway) -> None:
     """The requested page follows the login with one click; it is live, and can stop a robot."""
     page = operator.page
@@ -49,8 +50,8 @@ def test_a_token_opens_what_it_is_for(operator: PageUser, own: AuthenticatedGate
     page.get_by_label("Token", exact=True).fill(own.tokens["lab"])
     operator.press(page.get_by_role("button", name="Log in"))
     expect(page).to_have_url(f"{own.root}{SEEN}/")
-    assert operator.made == 1
     expect(page.locator("#who")).to_have_text("lab")
+    operator.finish()
     assert operator.fits()
     with own.browsing("root") as root:
         invocations = str(root.page(root.action(root.robot(SEEN), LF.StopRobot)).one(LF.invocations))

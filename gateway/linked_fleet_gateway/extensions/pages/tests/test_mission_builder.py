@@ -49,6 +49,7 @@ def begun(operator: PageUser, client: Client, title: str, parameter: str) -> tup
     return page, page.locator("#builder .builder-head .answer")
 
 
+@pytest.mark.task("Build a mission of four steps, rehearse it and run it", presses=13)
 def test_a_mission_is_built_and_run(operator: PageUser, client: Client) -> None:
     page, answer = begun(operator, client, "Nod", parameter="angle")
     for label, text in (("Least", "5"), ("Greatest", "500"), ("Default", "10")):

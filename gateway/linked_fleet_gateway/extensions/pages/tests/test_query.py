@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from playwright.sync_api import Browser, Page, ViewportSize, expect
+from playwright.sync_api import Browser, Page, expect
 
 from browser import LF
 from browser import Browser as Client
-from chromium import DESK, PHONE
+from page_user import PageUser
 from running import PATIENCE_S
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -17,6 +17,10 @@ pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 
 @pytest.fixture
 def query(page: Page, watched: object, client: Client) -> Page:
+    return _opened(page, client)
+
+
+def _opened(page: Page, client: Client) -> Page:
     page.goto(str(client.page(client.root).one(LF.query)))
     expect(page.locator(".editor").get_by_role("textbox", name="Query")).to_be_visible()
     return page
@@ -26,19 +30,18 @@ def write(page: Page, text: str) -> None:
     page.get_by_role("textbox", name="Query").fill(text)
 
 
-@pytest.mark.parametrize("size", [DESK, PHONE], ids=["desk", "phone"])
-def test_rows_are_asked_for_and_drawn_with_two_clicks(query: Page, size: ViewportSize) -> None:
+@pytest.mark.task("Ask a question of the fleet, and see the answer in a chart", presses=2)
+def test_rows_are_asked_for_and_drawn_with_two_clicks(operator: PageUser, client: Client) -> None:
     """The positions and limits of all joints; nothing scrolls sideways on a phone."""
-    query.set_viewport_size(size)
-    query.get_by_role("button", name="Ask", exact=True).click()
-    results = query.locator("#results")
+    page = _opened(operator.page, client)
+    operator.press(page.get_by_role("button", name="Ask", exact=True))
+    results = page.locator("#results")
     expect(results.get_by_role("columnheader")).to_have_text(["robot", "joint", "position", "lower", "upper"])
     expect(results.locator("tbody tr")).to_have_count(6)
-    results.get_by_role("button", name="Chart").click()
+    operator.press(results.get_by_role("button", name="Chart"))
     expect(results.locator("figure.chart canvas")).to_be_visible()
     expect(results.get_by_role("img", name="position, lower, upper over 6 rows")).to_be_visible()
-    assert query.evaluate("document.documentElement.scrollWidth") == size["width"]
-    expect(query.get_by_role("textbox", name="Query")).to_contain_text("ORDER BY ?robot ?joint")
+    expect(page.get_by_role("textbox", name="Query")).to_contain_text("ORDER BY ?robot ?joint")
 
 
 def test_rows_are_downloaded(query: Page) -> None:

@@ -5,13 +5,12 @@ import re
 from collections.abc import Iterator
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, Position, Route, expect
+from playwright.sync_api import Locator, Page, Route, expect
 
 from browser import LF
 from browser import Browser as Client
-from chromium import PHONE
 from commanding import TURTLE, angle, control
-from running import PATIENCE_S, eventually
+from running import eventually
 from scene_client import crate, placement, put_object, put_robot
 from small_fleet import move
 from watched_page import Watched
@@ -38,31 +37,6 @@ def slider(page: Page, client: Client, joint: str = JOINT) -> Locator:
     return page.locator(f'.slider[data-joint="{client.part("ur5", joint).url}"]')
 
 
-def share(row: Locator, part: float) -> Position:
-    """Return a position on the track of a slider, from its lower to its upper end."""
-    box = row.locator("input[type=range]").bounding_box()
-    assert box is not None
-    return {"x": box["width"] * part, "y": box["height"] / 2}
-
-
-def test_a_joint_is_moved_with_two_clicks(robot: Page, client: Client) -> None:
-    """One on its slider, after which a dry run shows the outcome, and one on Move; the result is in the form."""
-    row, form = slider(robot, client), robot.locator("form.motion")
-    before = angle(client, JOINT)
-    row.locator("input[type=range]").click(position=share(row, 0.55))
-    expect(form.locator(".answer")).to_contain_text(
-        re.compile(r"would work; nothing has moved.*it would take [\d.]+ s")
-    )
-    assert angle(client, JOINT) == pytest.approx(before, abs=0.01)
-    target = float(row.locator("input[type=number]").input_value())
-    assert 10 < target < 60
-    form.get_by_role("button", name="Move").click()
-    expect(form.locator(".task .state")).to_have_text("succeeded")
-    expect(robot.locator("#tasks .task")).to_have_count(0)
-    expect(row.locator("output")).to_have_text(re.compile(rf"^{round(target)}|^{round(target) - 1}\.\d"))
-    assert angle(client, JOINT) == pytest.approx(target * 3.14159 / 180, abs=0.02)
-
-
 def test_enter_in_a_number_field_tries_and_does_not_move(robot: Page, client: Client) -> None:
     row, form = slider(robot, client), robot.locator("form.motion")
     before = angle(client, JOINT)
@@ -72,23 +46,6 @@ def test_enter_in_a_number_field_tries_and_does_not_move(robot: Page, client: Cl
     expect(form.locator(".task")).to_have_count(0)
     assert angle(client, JOINT) == pytest.approx(before, abs=0.01)
     form.get_by_role("button", name="Reset").click()
-
-
-def test_a_joint_is_moved_with_two_taps_on_a_phone(chromium: Browser, client: Client) -> None:
-    """Nothing scrolls sideways, and forms precede facts."""
-    context = chromium.new_context(viewport=PHONE, has_touch=True, is_mobile=True, reduced_motion="reduce")
-    context.set_default_timeout(PATIENCE_S * 1000)
-    page = context.new_page()
-    page.goto(client.robot("ur5").url)
-    row, form = slider(page, client), page.locator("form.motion")
-    expect(row).to_be_visible()
-    assert page.evaluate("document.documentElement.scrollWidth") == PHONE["width"]
-    order = page.evaluate("[...document.querySelectorAll('#move, #facts')].map((each) => each.id)")
-    assert order == ["move", "facts"]
-    row.locator("input[type=range]").tap(position=share(row, 0.45))
-    form.get_by_role("button", name="Move").tap()
-    expect(form.locator(".task .state")).to_have_text("succeeded")
-    context.close()
 
 
 def test_a_named_pose_aims_all_joints(robot: Page, client: Client) -> None:
@@ -258,17 +215,6 @@ def test_after_a_reach_the_form_and_the_gizmo_are_where_the_robot_is(
     assert shown() == pytest.approx([target, target], abs=0.002)
     form.get_by_role("button", name="Try without moving").click()
     expect(form.locator(".answer")).to_contain_text(re.compile(r"it would take 0(\.\d+)? s"))
-
-
-def test_control_is_taken_and_given_back(robot: Page, client: Client) -> None:
-    control = robot.locator("#control")
-    control.get_by_role("button", name="Take control").click()
-    expect(control.locator(".state")).to_have_text("held")
-    expect(control).to_contain_text("You have control.")
-    lease = str(client.robot("ur5").one(LF.lease))
-    assert (client.page(lease).iri, LF.state, LF.held) in client.page(lease).graph
-    control.get_by_role("button", name="Give back").click()
-    expect(control.locator(".state")).to_have_text("free")
 
 
 def test_nothing_can_be_sent_while_another_has_control(robot: Page, client: Client) -> None:
