@@ -47,7 +47,7 @@ from linked_fleet_gateway.extensions.world.placement import (
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation, is_placed, key_of
 from linked_fleet_gateway.extensions.world.questions import Questions
 from linked_fleet_gateway.extensions.world.refusals import Refusals
-from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.extensions.world.scene import SceneObject, Unreadable
 from linked_fleet_gateway.extensions.world.schedules import OnTime, Run, Schedules
 from linked_fleet_gateway.extensions.world.touch import thing_to_grasp, things_to_touch
 from linked_fleet_gateway.faces import ALL, View, unchecked_links
@@ -101,12 +101,13 @@ class Checks:
         idle_s: float = Worker.IDLE_S,
         maps: Maps = NO_MAPS,
         settled: Callable[[], Awaitable[None]] | None = None,
+        unreadable: Unreadable = tuple,
     ) -> None:
-        self._live, self._objects, self._maps = live, objects, maps
+        self._live, self._objects, self._maps, self._unreadable = live, objects, maps, unreadable
         self._settled = settled
         self._checker = Checker(folder, idle_s)
         self._preparation = Preparation(live, meshes, self._checker)
-        self._nearby = Surroundings(live, self._preparation, objects, maps)
+        self._nearby = Surroundings(live, self._preparation, objects, maps, unreadable)
         self._collisions = collisions or Collisions(live.fan_out.mark_changed)
         self._refusals = Refusals(live.fleet.robots, objects, maps)
         self._waiting = self._early = 0
@@ -127,7 +128,7 @@ class Checks:
 
     def asked_elsewhere(self, preparation: Preparation) -> tuple[Surroundings, Questions]:
         """Return what is around robots, and the questions about their motions, for the process of ``preparation``."""
-        nearby = Surroundings(self._live, preparation, self._objects, self._maps)
+        nearby = Surroundings(self._live, preparation, self._objects, self._maps, self._unreadable)
         return nearby, self._create_questions(preparation)
 
     def _create_questions(self, preparation: Preparation) -> Questions:

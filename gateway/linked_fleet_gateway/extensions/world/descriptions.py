@@ -48,6 +48,7 @@ STL = "model/stl"
 MAX_DESCRIBED = 100
 """Objects that the container describes; others are only listed."""
 Objects = Mapping[str, SceneObject]
+UNREADABLE = "An object that cannot be read"
 
 
 def object_path(id: str) -> str:
@@ -103,10 +104,17 @@ def _describe_robot(graph: Graph, base: str, robot: Robot) -> None:
     graph.add(placement, LF.inFrame, NamedNode(base + WORLD))
 
 
-def describe_objects(graph: Graph, base: str, objects: Objects, robots: Robots, most: int = MAX_DESCRIBED) -> None:
+def describe_objects(
+    graph: Graph,
+    base: str,
+    objects: Objects,
+    robots: Robots,
+    most: int = MAX_DESCRIBED,
+    unreadable: Sequence[str] = (),
+) -> None:
     """Describe the LDP container of the objects; the first ``most``, by title, are described completely.
 
-    ``robots`` are those that the reader may know of.
+    ``robots`` are those that the reader may know of, ``unreadable`` the paths of objects whose records cannot be read.
     """
     iri = NamedNode(base + OBJECTS)
     graph.a(iri, LF.SceneObjects, LDP.BasicContainer, LDP.Container)
@@ -118,6 +126,16 @@ def describe_objects(graph: Graph, base: str, objects: Objects, robots: Robots, 
     graph.add(iri, LDP.contains, *(NamedNode(base + object_path(id)) for id, _ in ordered))
     for id, thing in ordered[:most]:
         describe_object(graph, base, id, thing, robots)
+    for path in unreadable:
+        graph.add(iri, LDP.contains, NamedNode(base + path))
+        describe_unreadable(graph, NamedNode(base + path))
+
+
+def describe_unreadable(graph: Graph, iri: NamedNode) -> None:
+    """Say that an object is there, and cannot be read."""
+    graph.a(iri, LF.UnreadableObject)
+    graph.add(iri, DCTERMS.title, Literal(UNREADABLE))
+    graph.add(iri, RDFS.comment, Literal("Robots with a placement do not move until it is replaced or deleted."))
 
 
 def describe_object(graph: Graph, base: str, id: str, thing: SceneObject, robots: Robots) -> None:

@@ -75,7 +75,7 @@ async def put_object(world: World, request: Request, afforded: PutObject) -> Res
         present = await resolve_under_preconditions(request, lambda: request.tree().resolve(path))
         if present is None:
             raise NotFound("The object has been removed meanwhile.")
-        triples, known = change(present), objects.known[afforded.id]
+        triples, known = change(present), objects.known.get(afforded.id)
         stated = None if triples is None else await _replaced(request, triples, present, known)
         thing = None if stated is None else stated.settled(_seen(world, request), known, time.time_ns())
         if objects.known.get(afforded.id) is not known:
@@ -168,7 +168,14 @@ class WorldExtension(Extension):
     def views(self) -> Sequence[object]:
         from linked_fleet_gateway.extensions.world import page
 
-        return (page.VIEW, page.COLLISIONS_VIEW, page.MAP_VIEW, page.CONTAINER_VIEW, page.OBJECT_VIEW)
+        return (
+            page.VIEW,
+            page.COLLISIONS_VIEW,
+            page.MAP_VIEW,
+            page.CONTAINER_VIEW,
+            page.OBJECT_VIEW,
+            page.UNREADABLE_VIEW,
+        )
 
     def operations(self, view: RequestView) -> Mapping[str, Mapping[str, Any]]:
         return operations(view)

@@ -54,7 +54,8 @@ async def put_map(maps: Table[FloorMap], request: Request, afforded: PutMap) -> 
         # Evaluated in each attempt, because the map may change meanwhile, also at another gateway.
         if await resolve_under_preconditions(request, lambda: request.tree().resolve(MAP)) is None:
             raise NotFound("The world has no map any more.")
-        if found == maps.known.get(ID) or await maps.change(ID, found):
+        is_there = found == maps.known.get(ID) and not maps.unreadable
+        if is_there or await maps.change(ID, found):
             return Response(status_code=204)
 
 

@@ -18,7 +18,7 @@ from linked_fleet_gateway.serving import Rendition
 MAP = f"{WORLD}/map"
 FORM, PGM, YAML, PNG = "multipart/form-data", "image/x-portable-graymap", "application/yaml", "image/png"
 PGM_FILE, YAML_FILE, PNG_FILE = "map.pgm", "map.yaml", "map.png"
-NONE_YET = "No map of the floor"
+NONE_YET, UNREADABLE = "No map of the floor", "A map of the floor that cannot be read"
 _NO_RDF = (LDP.Resource, LDP.NonRDFSource)
 
 
@@ -42,9 +42,9 @@ class MapImage:
     map: FloorMap
 
 
-def resolve_map(view: RequestView, rest: list[str], maps: Maps) -> Found:
-    """Return the resource at ``rest``, the segments below ``/world/map``."""
-    whole = _map(view, maps)
+def resolve_map(view: RequestView, rest: list[str], maps: Maps, readable: bool = True) -> Found:
+    """Return the resource at ``rest``, the segments below ``/world/map``; not ``readable``: its record is damaged."""
+    whole = _map(view, maps, NONE_YET if readable else UNREADABLE)
     if not rest:
         return whole
     if rest == ["blueprint"]:
@@ -53,14 +53,14 @@ def resolve_map(view: RequestView, rest: list[str], maps: Maps) -> Found:
     return None if found is None or len(rest) != 1 else _file(rest[0], found)
 
 
-def _map(view: RequestView, maps: Maps) -> Resource:
+def _map(view: RequestView, maps: Maps, without: str) -> Resource:
     found = maps.get(ID)
     files = () if found is None else (PGM_FILE, YAML_FILE, PNG_FILE)
     return Resource(
         MAP,
-        NONE_YET if found is None else found.title,
-        lambda graph: describe_map(graph, view.base, maps.get(ID)),
-        source=Source(lambda: facts(maps.get(ID))),
+        without if found is None else found.title,
+        lambda graph: describe_map(graph, view.base, maps.get(ID), without),
+        source=Source(lambda: facts(maps.get(ID)) or (without,)),
         own_paths=tuple(f"{MAP}/{each}" for each in ("blueprint", *files)),
         affords=PutMap(),
     )
@@ -88,10 +88,11 @@ def facts(found: FloorMap | None) -> tuple[object, ...]:
     return found.title, found.settings, found.height_m, found.sha256, found.created_ns, found.client
 
 
-def describe_map(graph: Graph, base: str, found: FloorMap | None) -> None:
+def describe_map(graph: Graph, base: str, found: FloorMap | None, without: str = NONE_YET) -> None:
+    """Describe the map; ``without`` is its title if there is none."""
     iri = NamedNode(base + MAP)
     graph.a(iri, LF.OccupancyMap)
-    graph.add(iri, DCTERMS.title, Literal(NONE_YET if found is None else found.title))
+    graph.add(iri, DCTERMS.title, Literal(without if found is None else found.title))
     graph.add(iri, RDFS.seeAlso, NamedNode(base + WORLD))
     graph.add(iri, HYBRIT.blueprint, LF.OccupancyMapShape, NamedNode(iri.value + "/blueprint"))
     graph.add(iri, LF.inFrame, NamedNode(base + WORLD))

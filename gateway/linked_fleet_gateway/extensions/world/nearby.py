@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.world.placement import (
 )
 from linked_fleet_gateway.extensions.world.process import Preparation, is_placed
 from linked_fleet_gateway.extensions.world.questions import base_of
-from linked_fleet_gateway.extensions.world.scene import SceneObject
+from linked_fleet_gateway.extensions.world.scene import SceneObject, Unreadable
 from linked_fleet_gateway.faces import View
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.fleet.xml import Vector
@@ -28,10 +28,21 @@ NEAR_M = 25.0
 
 
 class Surroundings:
-    """The surroundings of robots with a placement, prepared by ``preparation``."""
+    """The surroundings of robots with a placement, prepared by ``preparation``.
 
-    def __init__(self, live: Live, preparation: Preparation, objects: Mapping[str, SceneObject], maps: Maps) -> None:
+    ``unreadable`` returns the paths of objects, or of the map, whose records cannot be read.
+    """
+
+    def __init__(
+        self,
+        live: Live,
+        preparation: Preparation,
+        objects: Mapping[str, SceneObject],
+        maps: Maps,
+        unreadable: Unreadable = tuple,
+    ) -> None:
         self._live, self._preparation, self._objects, self._maps = live, preparation, objects, maps
+        self._unreadable = unreadable
 
     async def prepare(self, robots: Collection[Robot]) -> str | None:
         """Prepare the robots, all objects and the map. Return why one of these cannot be prepared. Raises Unchecked."""
@@ -45,6 +56,8 @@ class Surroundings:
 
     def around(self, robot: Robot, sees: View) -> list[Robot]:
         """Return the robots near enough to collide, including the robot itself. Raises Unchecked."""
+        for path in self._unreadable():  # it may be anywhere
+            raise Unchecked(f"{path} cannot be read; PUT or DELETE it.")
         for each in self._live.fleet.robots.values():
             if has_placement(each) and placement_of(each) is None:  # it may be anywhere
                 raise Unchecked(f"The placement of {_name(each, sees)} cannot be read; PUT or DELETE it.")

@@ -217,6 +217,15 @@ CONTAINER_VIEW = PageView(
     help=message("Objects that robots must not touch, and zones that they must not enter."),
     guide="docs/FLOOR.md",
 )
+UNREADABLE_VIEW = PageView(
+    LF.UnreadableObject,
+    _TEMPLATES / "unreadable_object.html",
+    lambda facts, iri: Part({}, {RDFS.comment}),
+    help=message("An object that is there, and about which nothing is known."),
+    guide="docs/FLOOR.md",
+)
+TITLES = (message("An object that cannot be read"), message("A map of the floor that cannot be read"))
+"""Titles of resources, for their translation."""
 OBJECT_VIEW = PageView(
     LF.SceneObject,
     _TEMPLATES / "scene_object.html",

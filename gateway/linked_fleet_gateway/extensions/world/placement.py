@@ -30,7 +30,7 @@ LF = CORE.extended(
     " length stl Collisions Collision CollisionsShape collisions collision meets collisionFree acceptsUnchecked"
     " model mesh heading Relocalise OccupancyMap OccupancyMapShape map resolution columns rows occupiedCells freeCells"
     " unknownCells obstacleBoxes occupiedThreshold freeThreshold mapMode mapImage mapSettings mapPicture sha256"
-    " heldBy mayTouch object Gripper"
+    " heldBy mayTouch object Gripper UnreadableObject"
 )
 
 log = logging.getLogger(__name__)

@@ -1,6 +1,6 @@
 """The resources at ``/world`` and below. Pure."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar
 from zlib import crc32
@@ -11,9 +11,11 @@ from linked_fleet_gateway.extensions.world.descriptions import (
     OBJECTS,
     POSES,
     STL,
+    UNREADABLE,
     describe_object,
     describe_objects,
     describe_template,
+    describe_unreadable,
     describe_world,
     object_path,
 )
@@ -21,7 +23,7 @@ from linked_fleet_gateway.extensions.world.floor_map import NO_MAPS, Maps
 from linked_fleet_gateway.extensions.world.held import path_of
 from linked_fleet_gateway.extensions.world.map_resources import MAP, resolve_map
 from linked_fleet_gateway.extensions.world.placement import LF, PLACEMENT, WORLD
-from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh
+from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh, Unreadable
 from linked_fleet_gateway.rdf.serialise import JSON, TEXT_TYPES
 from linked_fleet_gateway.rdf.vocabulary import LDP
 
@@ -62,8 +64,12 @@ def resolve_world(
     objects: Mapping[str, SceneObject],
     collisions: Known = NONE,
     maps: Maps = NO_MAPS,
+    unreadable: Unreadable = tuple,
 ) -> Found:
-    """Return the resource at ``rest``, the segments below ``/world``."""
+    """Return the resource at ``rest``, the segments below ``/world``.
+
+    ``unreadable`` returns the paths of what is there and cannot be read.
+    """
     if not rest:
         return _world(view)
     if rest == [_BLUEPRINT]:
@@ -80,8 +86,10 @@ def resolve_world(
     if rest[0] == "collisions":
         return resolve_collisions(view, rest[1:], collisions)
     if rest[0] == "map":
-        return resolve_map(view, rest[1:], maps)
-    return _in_objects(view, rest[1:], objects) if rest[0] == "objects" else None
+        return resolve_map(view, rest[1:], maps, MAP not in unreadable())
+    if rest[0] != "objects":
+        return None
+    return _in_objects(view, rest[1:], objects, [each for each in unreadable() if each != MAP])
 
 
 def _world(view: RequestView) -> Resource:
@@ -98,24 +106,32 @@ def _world(view: RequestView) -> Resource:
     )
 
 
-def _in_objects(view: RequestView, rest: list[str], objects: Mapping[str, SceneObject]) -> Resource | None:
+def _in_objects(
+    view: RequestView, rest: list[str], objects: Mapping[str, SceneObject], unreadable: Sequence[str]
+) -> Resource | None:
     if not rest or rest == [_BLUEPRINT]:
         container = Resource(
             OBJECTS,
             "Objects of the world",
-            lambda graph: describe_objects(graph, view.base, objects, view.robots),
+            lambda graph: describe_objects(graph, view.base, objects, view.robots, unreadable=unreadable),
             CONTAINER,
             Source(
-                lambda: [(id, each, _holder(view, each)) for id, each in objects.items()],
-                shared_facts=lambda: [(id, *_facts(view, each)) for id, each in objects.items()],
+                lambda: [unreadable, *((id, each, _holder(view, each)) for id, each in objects.items())],
+                shared_facts=lambda: [unreadable, *((id, *_facts(view, each)) for id, each in objects.items())],
             ),
             own_paths=(f"{OBJECTS}/{_BLUEPRINT}",),
-            part_paths=tuple(object_path(id) for id in objects),
+            part_paths=(*map(object_path, objects), *unreadable),
             affords=PostObject(),
         )
         return blueprint_of(container, view.base, (LF.SceneObjectsShape, LF.SceneObjectInput)) if rest else container
-    thing = objects.get(rest[0])
-    return None if thing is None else _of_object(view, rest[0], thing, rest[1:], objects)
+    thing, path = objects.get(rest[0]), object_path(rest[0])
+    if thing is not None:
+        return _of_object(view, rest[0], thing, rest[1:], objects)
+    if path not in unreadable or len(rest) > 1:
+        return None
+    return Resource(
+        path, UNREADABLE, lambda graph: describe_unreadable(graph, view.iri(path)), affords=PutObject(rest[0])
+    )
 
 
 def _of_object(

@@ -2,6 +2,7 @@
 
 import math
 import struct
+from collections.abc import Callable, Sequence
 from typing import Annotated, Literal
 
 import msgspec
@@ -71,6 +72,10 @@ class SceneObject(Struct, frozen=True, kw_only=True, omit_defaults=True):
     geometry: Geometry
     held: Held | None = None
     decided_ns: int = 0
+
+
+Unreadable = Callable[[], Sequence[str]]
+"""Returns the paths of what is there, and whose record cannot be read."""
 
 
 def encode(thing: SceneObject) -> bytes:

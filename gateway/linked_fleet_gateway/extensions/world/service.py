@@ -65,7 +65,12 @@ class World:
         self.collisions = Collisions(live.fan_out.mark_changed)
         self._holding = Holding(live, self.objects)
         settled, known = self._holding.wait_until_settled, self.objects.known
-        self.checks = Checks(live, meshes, known, folder, self.collisions, maps=self.maps.known, settled=settled)
+        self.objects.on_unreadable = lambda id: live.fan_out.mark_changed(object_path(id), OBJECTS)
+        self.maps.on_unreadable = lambda id: live.fan_out.mark_changed(MAP)
+        self.checks = Checks(
+            live, meshes, known, folder, self.collisions,
+            maps=self.maps.known, settled=settled, unreadable=self.unreadable,
+        )  # fmt: skip
         self._described: tuple[tuple[str, int, tuple[str, ...]], Sequence[Triple]] = (("", 0, ()), ())
         self._grid: tuple[FloorMap, OccupancyGrid] | None = None
         self._stack = AsyncExitStack()
@@ -75,9 +80,13 @@ class World:
         objects, collisions, maps = self.objects.known, self.collisions.known, self.maps.known
 
         def resolve(view: RequestView, rest: list[str]) -> Found:
-            return resolve_world(view, rest, objects, collisions, maps)
+            return resolve_world(view, rest, objects, collisions, maps, self.unreadable)
 
         return FleetBranch(WORLD[1:], LF.world, resolve, graphs=self.triples, poses=self.poses)
+
+    def unreadable(self) -> list[str]:
+        """Return the paths of objects, and of the map, whose records cannot be read: nothing moves among them."""
+        return [*map(object_path, self.objects.unreadable), *(MAP for _ in self.maps.unreadable)]
 
     def _changed(self, id: str, before: SceneObject | None, after: SceneObject | None) -> None:
         if before is None:
