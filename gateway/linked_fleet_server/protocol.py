@@ -69,7 +69,7 @@ class HttpProtocol(Connection):
         self._config, self._reply_nowait = config, reply_nowait
         self._may_reply_nowait = False
         self._sockets = Sockets(sys.maxsize, sys.maxsize) if sockets is None else sockets
-        self._deadline = Deadline(self._give_up)
+        self._deadline = Deadline(self._time_out)
         self._reader = RequestReader(self)
         self._scope: Scope = {}
         """The members that the scopes of all requests share."""
@@ -288,19 +288,19 @@ class HttpProtocol(Connection):
             self._deadline.clear()
             self._sockets.mark_busy(self)
             return
-        self._sockets.mark_idle(self, self._give_way)
+        self._sockets.mark_idle(self, self._close_idle)
         # Named by the requests before it, so that the deadline of one request is never that of the next.
         key = (in_body, reader.in_head, self._requests)
         self._deadline.set(key, self.body_s if in_body else self.head_s)
 
-    def _give_way(self) -> bool:
+    def _close_idle(self) -> bool:
         """Close an idle connection for another client, unless its last response is still being sent."""
         if self.writer.has_unsent_bytes():
             return False
         self.transport.abort()
         return True
 
-    def _give_up(self) -> None:
+    def _time_out(self) -> None:
         """Disconnect a client that has not sent its request in time, with a response if it has begun one."""
         if self.writer.has_unsent_bytes():
             self._deadline.extend(self.head_s)

@@ -106,9 +106,9 @@ class Subscriptions:
     async def _hear(self) -> None:
         async for news in self._store.news():
             if news.holder == self._run or news.kind == "changed":
-                await self._heed(news)
+                await self._apply_news(news)
 
-    async def _heed(self, news: News) -> None:
+    async def _apply_news(self, news: News) -> None:
         match news.kind:
             case "removed":
                 await self._drop(news.id)

@@ -49,7 +49,7 @@ class Recurrence:
     def after(self, last: datetime | None) -> Iterator[datetime]:
         """Yield the local times of occurrences after ``last``, which is one itself; all of them for None.
 
-        One may take half a second. ``count`` is for the caller to heed.
+        One may take half a second. The caller limits their number.
         """
         begin = last or self._start
         moved = _CYCLE * ((_LAST_YEAR - begin.year) // _CYCLE)
