@@ -4,6 +4,7 @@ from collections.abc import Awaitable, Callable, Iterator, Mapping, Sequence, Se
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from hashlib import blake2b
+from operator import itemgetter
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from pyoxigraph import Literal, NamedNode, Triple
@@ -140,10 +141,13 @@ class Container(Generic[T]):
     def _all(self, view: RequestView) -> Iterator[tuple[str, Sequence[Triple]]]:
         yield self.path, self._whole(view).full_graph(view.base).triples
 
-    def members(self, view: RequestView) -> "list[Member[T]]":
-        """Return the members, in an order that is the same at all gateways."""
-        known = sorted(self.records.known.items())
-        return [Member(self, view, id, record) for id, record in known if self._is_visible(record, view)]
+    def members(self, view: RequestView) -> "Iterator[Member[T]]":
+        """Yield the members, of which there may be thousands, in an order that is the same at all gateways."""
+        return (Member(self, view, id, record) for id, record in self._seen(view))
+
+    def _seen(self, view: RequestView) -> Iterator[tuple[str, T]]:
+        known = sorted(self.records.known.items(), key=itemgetter(0))
+        return (each for each in known if self._is_visible(each[1], view))
 
     def _is_visible(self, record: T, view: RequestView) -> bool:
         return self.visible is None or self.visible(record, view.visible_robots)
@@ -168,15 +172,15 @@ class Container(Generic[T]):
         return None if member is None else member.resolve(rest[1:])
 
     def _whole(self, view: RequestView) -> Resource:
-        steps = InSteps(lambda graph: self._describe(graph, view))
+        path, steps = self.path, InSteps(lambda graph: self._describe(graph, view))
         return Resource(
-            self.path,
+            path,
             self.title,
             steps if len(self.records.known) > _MAX_AT_ONCE else steps.__call__,
             CONTAINER,
             Source(lambda: self._facts(view)),
-            own_paths=(f"{self.path}/{_BLUEPRINT}",),
-            part_paths=tuple(each.path for each in self.members(view)),
+            own_paths=(f"{path}/{_BLUEPRINT}",),
+            part_paths=tuple([f"{path}/{id}" for id, _ in self._seen(view)]),
             affords=AddMember(self) if self.by_clients else None,
         )
 
