@@ -218,9 +218,10 @@ class Compiler:
 
 def _refuse_unknown(stated: Statements) -> None:
     known = _KNOWN.union(_WITH_QUALIFIED) if SHACL.qualifiedValueShape in stated else _KNOWN
-    for predicate in stated.keys() - known:
-        if predicate.value.startswith(SHACL.iri):
-            raise Unsupported(term_text(predicate))
+    if not stated.keys() <= known:
+        for predicate in stated:  # in their order, so that the reason is always the same
+            if predicate not in known and predicate.value.startswith(SHACL.iri):
+                raise Unsupported(term_text(predicate))
     if SHACL.qualifiedValueShapesDisjoint in stated and boolean(stated, SHACL.qualifiedValueShapesDisjoint):
         raise Unsupported("sh:qualifiedValueShapesDisjoint")
 
