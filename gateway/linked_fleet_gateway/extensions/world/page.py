@@ -123,6 +123,10 @@ def thing(facts: Facts, iri: NamedNode) -> Part:
     return Part({"form": _form(iri.value, "PUT", say("save"), facts, iri)})
 
 
+def unreadable(facts: Facts, iri: NamedNode) -> Part:
+    return Part({}, {RDFS.comment})
+
+
 def _listed(facts: Facts, iri: NamedNode) -> ObjectRow:
     kinds = [each for each in _KINDS if facts.is_a(iri, each)]
     forms = facts.nodes(iri, LF.geometry, RDF.type)
@@ -220,7 +224,7 @@ CONTAINER_VIEW = PageView(
 UNREADABLE_VIEW = PageView(
     LF.UnreadableObject,
     _TEMPLATES / "unreadable_object.html",
-    lambda facts, iri: Part({}, {RDFS.comment}),
+    unreadable,
     help=message("An object that is there, and about which nothing is known."),
     guide="docs/FLOOR.md",
 )

@@ -135,6 +135,16 @@ def test_the_table_is_sorted_filtered_and_tagged_by_its_address(client: Browser,
     expect(rows).to_have_count(2)
 
 
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_no_head_of_the_table_covers_the_next_one(client: Browser, user: PageUser, language: str) -> None:
+    user.page.goto(f"{client.root}~language/{language}?then=/")
+    user.page.goto(client.root + "?view=table")
+    expect(user.page.locator("table.fleet tbody tr")).to_have_count(2)
+    wide = "[...document.querySelectorAll('table.fleet th')].filter((each) => each.scrollWidth > each.clientWidth)"
+    assert user.page.evaluate(f"{wide}.map((each) => each.textContent)") == []
+    assert user.page.evaluate("getComputedStyle(document.querySelector('table.fleet td')).display") == "table-cell"
+
+
 def test_the_table_works_without_scripts(client: Browser, chromium: Chromium) -> None:
     with chromium.new_context(java_script_enabled=False) as context:
         page = context.new_page()

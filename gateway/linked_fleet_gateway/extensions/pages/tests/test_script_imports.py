@@ -1,4 +1,4 @@
-"""The scripts of pages import those of no extension, and extensions those of pages and of what they need alone."""
+"""Scripts import those of pages and of what their extension needs alone, and styles are those of one extension."""
 
 import re
 from pathlib import Path
@@ -37,3 +37,23 @@ def test_every_folder_of_scripts_has_the_module_that_pages_start() -> None:
     folders = {each.parent for each in EXTENSIONS.glob("*/scripts/*.js")}
     for folder in folders:
         assert re.search(r"^export function start\(\)", (folder / "page.js").read_text(), re.M), folder
+
+
+def test_a_class_is_styled_by_one_extension_and_used_by_it() -> None:
+    """All styles are one file: a second meaning of a class took the first column out of the table of the fleet."""
+    styled, used = dict[str, set[str]](), dict[str, set[str]]()
+    for folder in (each for each in EXTENSIONS.iterdir() if (each / "scripts").is_dir()):
+        for file in (*folder.glob("scripts/*.css"), *folder.glob("scripts/src/*.css")):
+            for heads in re.findall(r"^([^{}@]+)\{", re.sub(r"/\*.*?\*/", "", file.read_text(), flags=re.S), re.M):
+                for name in re.findall(r"(?:^|,)\s*\.([a-z][\w-]*)\s*(?=,|$)", heads.strip()):
+                    styled.setdefault(name, set()).add(folder.name)
+        for file in (*folder.glob("templates/*.html"), *folder.glob("scripts/*.js"), *folder.glob("scripts/src/*.js")):
+            for names in re.findall(r"""class(?:Name)?\s*[=:]\s*"([^"{}]*)\"""", file.read_text()):
+                for name in names.split():
+                    used.setdefault(name, set()).add(folder.name)
+    assert {"facts", "replay-bar"} <= styled.keys()
+    assert {name: by for name, by in styled.items() if len(by) > 1} == {}
+    own = {name: by for name, by in styled.items() if "pages" not in by}
+    assert {
+        name: used.get(name, by) - by - {"pages"} for name, by in own.items() if used.get(name, by) - by - {"pages"}
+    } == {}

@@ -9,7 +9,7 @@ const pages = new DOMParser();
 
 export function start() {
   /** @type {HTMLFormElement | null} */
-  const form = document.querySelector(".asking form");
+  const form = document.querySelector(".query-desk form");
   if (!form || !document.getElementById("results")) return;
   form.addEventListener("submit", (event) => {
     event.preventDefault();
@@ -23,7 +23,7 @@ export function start() {
       const area = form.querySelector("textarea");
       area.value = example.querySelector("input").value;
       area.dispatchEvent(new Event("replaced"));
-      document.querySelector(".asking").scrollIntoView({ block: "start" });
+      document.querySelector(".query-desk").scrollIntoView({ block: "start" });
       ask(form);
     });
   }
