@@ -17,7 +17,7 @@ _HEAD = (
 
 
 class Task(NamedTuple):
-    """What an operator does: in at most so many presses, as a test shows."""
+    """A task of an operator, in at most so many presses, as a test shows."""
 
     name: str
     presses: int

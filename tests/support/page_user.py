@@ -29,7 +29,7 @@ class PageUser:
         (place.tap if self.touch else place.click)(position=None if at is None else {"x": at[0], "y": at[1]})
 
     def finish(self) -> None:
-        """The task is done; what follows is not part of it."""
+        """Note that the task is done; what follows is not part of it."""
         if not self._done:
             self._done, self.needed, self.took_s = True, self.made, time.monotonic() - self._begun_s
 
@@ -55,6 +55,12 @@ class PageUser:
         """Return True unless the page scrolls sideways."""
         width = self.page.viewport_size["width"] if self.page.viewport_size else 0
         return bool(self.page.evaluate("document.documentElement.scrollWidth") == width)
+
+
+def log_in(page: Page, token: str) -> None:
+    """Log in on the page that asks for it."""
+    page.get_by_label("Token", exact=True).fill(token)
+    page.get_by_role("button", name="Log in").click()
 
 
 @contextmanager

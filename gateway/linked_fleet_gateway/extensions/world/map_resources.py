@@ -1,5 +1,6 @@
 """The map of the floor at ``/world/map``: its description, and its image, settings and picture as files. Pure."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -42,9 +43,9 @@ class MapImage:
     map: FloorMap
 
 
-def resolve_map(view: RequestView, rest: list[str], maps: Maps, readable: bool = True) -> Found:
+def resolve_map(view: RequestView, rest: list[str], maps: Maps, readable: Callable[[], bool]) -> Found:
     """Return the resource at ``rest``, the segments below ``/world/map``; not ``readable``: its record is damaged."""
-    whole = _map(view, maps, NONE_YET if readable else UNREADABLE)
+    whole = _map(view, maps, lambda: NONE_YET if readable() else UNREADABLE)
     if not rest:
         return whole
     if rest == ["blueprint"]:
@@ -53,14 +54,14 @@ def resolve_map(view: RequestView, rest: list[str], maps: Maps, readable: bool =
     return None if found is None or len(rest) != 1 else _file(rest[0], found)
 
 
-def _map(view: RequestView, maps: Maps, without: str) -> Resource:
+def _map(view: RequestView, maps: Maps, without: Callable[[], str]) -> Resource:
     found = maps.get(ID)
     files = () if found is None else (PGM_FILE, YAML_FILE, PNG_FILE)
     return Resource(
         MAP,
-        without if found is None else found.title,
-        lambda graph: describe_map(graph, view.base, maps.get(ID), without),
-        source=Source(lambda: facts(maps.get(ID)) or (without,)),
+        without() if found is None else found.title,
+        lambda graph: describe_map(graph, view.base, maps.get(ID), without()),
+        source=Source(lambda: facts(maps.get(ID)) or (without(),)),
         own_paths=tuple(f"{MAP}/{each}" for each in ("blueprint", *files)),
         affords=PutMap(),
     )

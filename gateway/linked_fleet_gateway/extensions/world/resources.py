@@ -1,6 +1,6 @@
 """The resources at ``/world`` and below. Pure."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 from zlib import crc32
@@ -86,10 +86,10 @@ def resolve_world(
     if rest[0] == "collisions":
         return resolve_collisions(view, rest[1:], collisions)
     if rest[0] == "map":
-        return resolve_map(view, rest[1:], maps, MAP not in unreadable())
+        return resolve_map(view, rest[1:], maps, lambda: MAP not in unreadable())
     if rest[0] != "objects":
         return None
-    return _in_objects(view, rest[1:], objects, [each for each in unreadable() if each != MAP])
+    return _in_objects(view, rest[1:], objects, lambda: [each for each in unreadable() if each != MAP])
 
 
 def _world(view: RequestView) -> Resource:
@@ -107,30 +107,34 @@ def _world(view: RequestView) -> Resource:
 
 
 def _in_objects(
-    view: RequestView, rest: list[str], objects: Mapping[str, SceneObject], unreadable: Sequence[str]
+    view: RequestView, rest: list[str], objects: Mapping[str, SceneObject], unreadable: Unreadable
 ) -> Resource | None:
     if not rest or rest == [_BLUEPRINT]:
         container = Resource(
             OBJECTS,
             "Objects of the world",
-            lambda graph: describe_objects(graph, view.base, objects, view.robots, unreadable=unreadable),
+            lambda graph: describe_objects(graph, view.base, objects, view.robots, unreadable=unreadable()),
             CONTAINER,
             Source(
-                lambda: [unreadable, *((id, each, _holder(view, each)) for id, each in objects.items())],
-                shared_facts=lambda: [unreadable, *((id, *_facts(view, each)) for id, each in objects.items())],
+                lambda: [unreadable(), *((id, each, _holder(view, each)) for id, each in objects.items())],
+                shared_facts=lambda: [unreadable(), *((id, *_facts(view, each)) for id, each in objects.items())],
             ),
             own_paths=(f"{OBJECTS}/{_BLUEPRINT}",),
-            part_paths=(*map(object_path, objects), *unreadable),
+            part_paths=(*map(object_path, objects), *unreadable()),
             affords=PostObject(),
         )
         return blueprint_of(container, view.base, (LF.SceneObjectsShape, LF.SceneObjectInput)) if rest else container
     thing, path = objects.get(rest[0]), object_path(rest[0])
     if thing is not None:
         return _of_object(view, rest[0], thing, rest[1:], objects)
-    if path not in unreadable or len(rest) > 1:
+    if path not in unreadable() or len(rest) > 1:
         return None
     return Resource(
-        path, UNREADABLE, lambda graph: describe_unreadable(graph, view.iri(path)), affords=PutObject(rest[0])
+        path,
+        UNREADABLE,
+        lambda graph: describe_unreadable(graph, view.iri(path)),
+        source=Source(lambda: path in unreadable()),
+        affords=PutObject(rest[0]),
     )
 
 

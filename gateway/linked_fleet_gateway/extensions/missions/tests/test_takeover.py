@@ -89,7 +89,7 @@ def test_each_step_is_taken_once_when_redis_is_away_for_a_while(fleet: MissionFl
 def test_a_step_that_waits_for_redis_is_not_late(
     fleet: MissionFleet, monkeypatch: pytest.MonkeyPatch, waits_s: float
 ) -> None:
-    """As while a replica takes over. The request of a person would be too old then, and is asked again."""
+    """Redis answers late while a replica takes over. The request of a person would be too old then."""
     create = ActionStore.create
 
     async def waits(self: ActionStore, invocation: Invocation, **more: Any) -> str | None:

@@ -136,7 +136,7 @@ def thousand(tmp_path: Path) -> Iterator[tuple[Client, list[FakeRobot]]]:
 
 @pytest.mark.task("Find one of a thousand robots", presses=1)
 def test_a_thousand_robots_can_be_searched(thousand: tuple[Client, list[FakeRobot]], operator: PageUser) -> None:
-    """What it costs is measured by ``bench/console.py``."""
+    """``bench/console.py`` measures what it costs."""
     (client, actors), page = thousand, operator.page
     page.goto(client.root, wait_until="domcontentloaded")
     eventually(lambda: page.evaluate(CARDS) == THOUSAND, "a thousand cards")

@@ -11,6 +11,7 @@ from authenticated_gateway import SEEN, AuthenticatedGateway, run_authenticated
 from browser import LF
 from browser import Browser as Client
 from commanding import TURTLE, WRIST, control, of_joint, of_robot
+from page_user import log_in
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
 MOVES = "You have no right to move this robot."
@@ -256,8 +257,7 @@ def test_a_page_asks_no_more_for_what_it_has_deleted(page: Page, watched: object
 def logged_in(context: BrowserContext, guarded: AuthenticatedGateway, name: str, path: str) -> Page:
     page = context.new_page()
     page.goto(guarded.root + path)
-    page.get_by_label("Token", exact=True).fill(guarded.tokens[name])
-    page.get_by_role("button", name="Log in").click()
+    log_in(page, guarded.tokens[name])
     expect(page.locator("#who")).to_have_text(name)
     return page
 

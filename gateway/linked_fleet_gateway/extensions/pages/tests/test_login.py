@@ -10,7 +10,7 @@ from accessibility import violations_in_both_schemes
 from authenticated_gateway import ALL, HIDDEN, SEEN, AuthenticatedGateway, run_authenticated
 from browser import LF
 from issuer import Issuer, issuing
-from page_user import PageUser
+from page_user import PageUser, log_in
 from running import eventually
 from subscribers import members
 
@@ -30,11 +30,6 @@ def own(tmp_path_factory: pytest.TempPathFactory, issuer: Issuer) -> Iterator[Au
         one.add("lab", *ALL, robots=("lab-*",))
         one.known("lab")
         yield one
-
-
-def _log_in(page: Page, own: AuthenticatedGateway, name: str) -> None:
-    page.get_by_label("Token", exact=True).fill(own.tokens[name])
-    page.get_by_role("button", name="Log in").click()
 
 
 @pytest.mark.task("Log in, and see what one may do", presses=1)
@@ -68,7 +63,7 @@ def test_a_token_opens_what_it_is_for(operator: PageUser, own: AuthenticatedGate
 def test_a_page_of_a_session_is_live(page: Page, watched: object, own: AuthenticatedGateway) -> None:
     """Its WebSocket or event stream accepts the cookie."""
     page.goto(f"{own.root}{SEEN}/")
-    _log_in(page, own, "lab")
+    log_in(page, own.tokens["lab"])
     expect(page).to_have_url(f"{own.root}{SEEN}/")
     page.evaluate("window.marked = true")
     with own.browsing("root") as root:
@@ -83,7 +78,7 @@ def test_a_page_of_a_session_is_live(page: Page, watched: object, own: Authentic
 def test_every_page_says_what_one_may_do(page: Page, watched: object, own: AuthenticatedGateway) -> None:
     """Other pages show the rights over their resource, the account page shows all."""
     page.goto(f"{own.root}{SEEN}/")
-    _log_in(page, own, "lab")
+    log_in(page, own.tokens["lab"])
     page.locator(".reader summary").click()
     expect(page.locator(".reader div")).to_contain_text(
         "Here you may look, follow changes, stop, act, reset stops and administer."
@@ -95,7 +90,7 @@ def test_every_page_says_what_one_may_do(page: Page, watched: object, own: Authe
 
 def test_one_logs_out(page: Page, watched: object, own: AuthenticatedGateway) -> None:
     page.goto(own.root)
-    _log_in(page, own, "lab")
+    log_in(page, own.tokens["lab"])
     page.get_by_role("button", name="Log out").click()
     expect(page).to_have_url(own.root + "login")
     page.goto(own.root)
@@ -118,7 +113,7 @@ def test_without_scripts(chromium: Browser, own: AuthenticatedGateway) -> None:
     context = chromium.new_context(java_script_enabled=False)
     page = context.new_page()
     page.goto(f"{own.root}{SEEN}/")
-    _log_in(page, own, "lab")
+    log_in(page, own.tokens["lab"])
     expect(page).to_have_url(f"{own.root}{SEEN}/")
     page.get_by_role("button", name="Log out").click()
     expect(page).to_have_url(own.root + "login")
@@ -165,7 +160,7 @@ def test_a_page_whose_session_is_over_leads_to_the_login(page: Page, own: Authen
     own.add("passing", "read", "subscribe")
     own.known("passing")
     page.goto(f"{own.root}{SEEN}/")
-    _log_in(page, own, "passing")
+    log_in(page, own.tokens["passing"])
     expect(page).to_have_url(f"{own.root}{SEEN}/")
     own.revoke("passing")
     expect(page).to_have_url(re.compile("/login"))
@@ -175,6 +170,6 @@ def test_a_page_without_the_right_to_subscribe_says_that_it_is_not_live(page: Pa
     own.add("reader", "read")
     own.known("reader")
     page.goto(f"{own.root}{SEEN}/")
-    _log_in(page, own, "reader")
+    log_in(page, own.tokens["reader"])
     expect(page.locator("#connection")).to_contain_text("You have no right to watch")
     expect(page.locator("#who")).to_have_text("reader")

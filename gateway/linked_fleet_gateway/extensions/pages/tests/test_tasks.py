@@ -1,4 +1,4 @@
-"""What an operator does in a shift, on a desktop and on a phone, each with few clicks or taps.
+"""Operators do what a shift asks for, on a desktop and on a phone, each with few clicks or taps.
 
 More such tasks are where their pages are tested: all have the mark ``task``.
 """
@@ -16,7 +16,7 @@ from browser import Browser as Client
 from camera_robot import EYE, CameraRobot
 from commanding import TURTLE, angle, radian
 from fake_robots import FakeRobot, open_session
-from page_user import PageUser
+from page_user import PageUser, log_in
 from small_fleet import Place, live
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
@@ -207,17 +207,16 @@ def guarded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[AuthenticatedG
         yield one
 
 
-def log_in(page: Page, guarded: AuthenticatedGateway, path: str) -> None:
+def at_guarded(page: Page, guarded: AuthenticatedGateway, path: str) -> None:
     page.goto(guarded.root + path)
-    page.get_by_label("Token", exact=True).fill(guarded.tokens["root"])
-    page.get_by_role("button", name="Log in").click()
+    log_in(page, guarded.tokens["root"])
     expect(page.locator("#who")).to_have_text("root")
 
 
 @pytest.mark.task("Invite a colleague who may look", presses=1)
 def test_invite_a_colleague(operator: PageUser, guarded: AuthenticatedGateway, chromium: Chromium) -> None:
     page = operator.page
-    log_in(page, guarded, "invitations")
+    at_guarded(page, guarded, "invitations")
     page.get_by_label("Whom it is for").fill("a colleague")
     operator.press(page.get_by_role("button", name="Make a link"))
     link = page.get_by_label("Send this link").input_value()
@@ -232,7 +231,7 @@ def test_invite_a_colleague(operator: PageUser, guarded: AuthenticatedGateway, c
 @pytest.mark.task("See who is here, and who has control of what", presses=2)
 def test_see_who_is_here(operator: PageUser, guarded: AuthenticatedGateway) -> None:
     page = operator.page
-    log_in(page, guarded, SEEN + "/")
+    at_guarded(page, guarded, SEEN + "/")
     page.locator("#control").get_by_role("button", name="Take control").click()
     expect(page.locator("#control")).to_contain_text("You have control.")
     operator.press(page.locator("details.reader summary"))

@@ -26,6 +26,7 @@ def test_poses_are_taught_and_run_as_a_sequence(operator: PageUser, client: Clie
     name.fill("above")
     press(page.get_by_role("button", name="Save this pose"))
     expect(saved).to_have_text("Saved: above")
+    assert operator.made == 1
 
     elbow = page.get_by_label("target of elbow_joint in °")
     elbow.fill("40")
@@ -35,6 +36,7 @@ def test_poses_are_taught_and_run_as_a_sequence(operator: PageUser, client: Clie
     press(page.get_by_role("button", name="Save this pose"))
     expect(saved).to_have_text("Saved: below")
     expect(page.locator("#pose-buttons").get_by_role("button", name="below")).to_be_visible()
+    assert operator.made == 3
 
     press(page.locator("#teach-title a"))
     for pose in ("below", "above"):
@@ -43,9 +45,11 @@ def test_poses_are_taught_and_run_as_a_sequence(operator: PageUser, client: Clie
     assert violations_in_both_schemes(page) == [] and operator.fits()
     press(page.get_by_role("button", name="Make a mission"))
     page.wait_for_url("**/missions/builder?mission=*")
+    assert operator.made == 7
     press(page.get_by_text("Run the mission"))
     press(page.locator("#builder details.action form.invoke button").last)
     page.wait_for_url("**/mission-runs/*")
+    assert operator.made == 9
     expect(page.locator("#run-state .state")).to_have_attribute("data-state", "succeeded")
     operator.finish()
 

@@ -52,6 +52,7 @@ def test_no_robot_moves_among_objects_that_cannot_be_read(scene: tuple[Browser, 
     browser, memory = scene
     far = crate("far away", 20, 0, 0)
     path = httpx.URL(put_object(browser, far)).path
+    assert "far away" in browser.http.get(container(browser).url).text
     damage(memory, "objects", path.rpartition("/")[2])
     eventually(lambda: unreadable(browser, path), "a refusal")
     listed = container(browser)
@@ -62,14 +63,18 @@ def test_no_robot_moves_among_objects_that_cannot_be_read(scene: tuple[Browser, 
     answer = browser.http.request(way, url, content=far if way == "PUT" else None, headers=TURTLE)
     assert answer.status_code == 204, answer.text
     assert not unreadable(browser, path)
-    assert browser.http.get(url).status_code == (200 if way == "PUT" else 404)
+    after = browser.http.get(url)
+    assert after.status_code == (200 if way == "PUT" else 404)
+    assert ("far away" in after.text) == (way == "PUT")
+    assert "cannot be read" not in browser.http.get(listed.url).text
 
 
 def test_no_robot_moves_on_a_map_that_cannot_be_read(scene: tuple[Browser, Servers]) -> None:
     browser, memory = scene
+    url = str(browser.page(str(browser.page(browser.root).one(LF.world))).one(LF.map))
+    assert "No map of the floor" in browser.http.get(url).text
     damage(memory, "maps", "map")
     eventually(lambda: unreadable(browser, "/world/map"), "a refusal")
-    url = str(browser.page(str(browser.page(browser.root).one(LF.world))).one(LF.map))
     assert "A map of the floor that cannot be read" in browser.http.get(url).text
     assert browser.http.delete(url).status_code == 204
     assert not unreadable(browser, "/world/map")
