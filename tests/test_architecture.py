@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 
 from linked_fleet_gateway.app.extensions import BUILT_IN
-from linked_fleet_gateway.rdf.serialise import parse
 from linked_fleet_gateway.resources import joint_kinds as kinds
 from linked_fleet_gateway.resources.action_offer import action_definitions
 from linked_fleet_gateway.resources.subscription_resource import read_request
+from linked_fleet_rdf.serialise import parse
 
 ROOT = Path(__file__).parents[1]
 PAGE = (ROOT / "ARCHITECTURE.md").read_text()

@@ -145,7 +145,7 @@ def _carrier(link: str, fixed: Mapping[str, str]) -> str:
 
 def _surface(content: bytes, suffix: str = "stl") -> Triangles | None:
     from linked_fleet_gateway.extensions.world.surfaces import read_mesh
-    from linked_fleet_gateway.fleet.xml import ModelError
+    from linked_fleet_state.xml import ModelError
 
     try:
         found = read_mesh(suffix, content)
