@@ -27,7 +27,7 @@ BESIDE = (
 )
 """Packages beside the gateway: those that it uses, and the checks that use it."""
 FOLDERS = dict.fromkeys(("linked_fleet_gateway", *BESIDE), "gateway") | {
-    "linked_fleet_agent": "agents", "linked_fleet_client": "client", "linked_fleet_demo": "demo",
+    "linked_fleet_agent": "agents", "linked_fleet_client": "client", "linked_fleet_demo": "client",
     "bench": ".", "fuzzing": "tests",
 }  # fmt: skip
 """The folder of each package."""

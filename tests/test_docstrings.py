@@ -26,7 +26,7 @@ PACKAGES = (
     "gateway/linked_fleet_webhooks",
     "gateway/linked_fleet_valkey",
     "client/linked_fleet_client",
-    "demo",
+    "client/linked_fleet_demo",
 )
 MODULES = sorted(
     path
