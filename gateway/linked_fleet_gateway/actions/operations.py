@@ -74,13 +74,18 @@ class Operation:
 class Call:
     """One invocation of an operation, as seen by the coroutine that carries it out."""
 
+    caller: Caller
+    """The caller: its ``identity`` has its rights, and ``visible_robots.includes`` tells which robots it may know of.
+
+    Further actions can be invoked for it (``Core.invoke``), also by another gateway later.
+    """
+
     def __init__(self, invocation: Invocation, lifecycle: Lifecycle, caller: Caller) -> None:
         self._invocation, self._lifecycle = invocation, lifecycle
         self.expected_s = 0.0
         """Its duration as far as its plan knows."""
         token = kept_token(caller.lease_token)
         self.caller = replace(caller, lease_token=token, idempotency_key="", request_digest="", body="")
-        """The caller, for whom further actions can be invoked (``Core.invoke``), also by another gateway later."""
         self.is_handed_over = False
         self.begun = asyncio.Event()
         """Set once it has been rehearsed, or has ended."""

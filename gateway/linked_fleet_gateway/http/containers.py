@@ -64,6 +64,11 @@ async def change_member(request: Request, afforded: ChangeMember) -> Response:
         record = await change(present)
         if dry_run:
             return await _checked(request, container, record)
+        held = container.records.known.get(
+            id
+        )  # read anew: all above took time, and nothing below does before the write
+        if held is not None and record is not None:
+            record = container.kept(held, record)
         if await container.records.change(id, record):
             return Response(status_code=204)
 

@@ -47,6 +47,7 @@ from linked_fleet_runtime.replica import Copy
 from linked_fleet_runtime.table import MAX_RECORDS, StoredRecords, Table
 from linked_fleet_state.functions import FleetFunctions
 from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.invocations import FLEET
 from linked_fleet_state.model import Link, Pose
 from linked_fleet_state.robot import KeptPose, Robot
 
@@ -313,10 +314,16 @@ class Core:
         """Wait until the invocation meets a condition; return False after the timeout, or when the gateway ends."""
         return await self.actions.lifecycle.waiters.wait_until_or_shutdown(invocation, condition, timeout_s)
 
-    def has_ended(self, invocation: str) -> bool:
-        """Return True if the invocation with this id is known to have ended, at whichever gateway."""
+    async def has_ended(self, invocation: str, robot: str = FLEET) -> bool:
+        """Return True if the invocation with this id has ended, at whichever gateway, or there is none any more.
+
+        ``robot`` is that of its action, if it is the action of one. One that this gateway does not know is looked for
+        in Redis. Raises RedisUnavailable.
+        """
         found = self.live.invocations.get(invocation)
-        return found is not None and found.state.terminal
+        if found is None:
+            found = await self.actions.lifecycle.replicated_state.fetch(robot, invocation)
+        return found is None or found.state.terminal
 
     def table(
         self,

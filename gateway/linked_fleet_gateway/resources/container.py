@@ -57,7 +57,7 @@ class Container(Generic[T]):
     """A container at ``/{segment}`` whose members are records.
 
     ``type`` and ``member_type`` are the classes of the container and of its members. Kinds of actions with
-    ``lf:offeredBy`` the class of members are actions of each member.
+    ``lf:offeredBy`` the class of members are actions of each member, those with the class of the container are its own.
     """
 
     segment: str
@@ -102,6 +102,9 @@ class Container(Generic[T]):
     rehearsal. Raises FleetError."""
     owned: Callable[[T, Identity, str], bool] = lambda record, caller, client: True
     """Returns True if a client, by its name, may replace or delete a member."""
+    kept: Callable[[T, T], T] = lambda present, record: record
+    """Returns a record that replaces the present one, with what clients do not write of that, such as what actions have
+    noted."""
     signed: Callable[[T, Identity, str], T] = lambda record, caller, client: record
     """Returns a record with who has written it, if that is kept; ``client`` is the name by which it is counted."""
     facts: "Callable[[Member[T]], object]" = lambda member: None
@@ -128,6 +131,22 @@ class Container(Generic[T]):
     def offers(self, member: str, label: str, segment: str | None = None) -> list[Offer]:
         """Return the actions of a member at a path, or only the one with the segment; ``label`` names the member."""
         return offers_of(self.member_type, member, label, segment)
+
+    async def update(self, id: str, update: Callable[[T], T]) -> T | None:
+        """Replace the record of a member by what ``update`` makes of it, whoever changes it meanwhile.
+
+        Return the record, None if it is not there any more. Raises RedisUnavailable, ContainerFull, and the errors of
+        ``update``.
+        """
+        while (record := self.records.known.get(id)) is not None:
+            updated = update(record)
+            if updated == record or await self.records.change(id, updated):
+                return updated
+        return None
+
+    def own_offers(self, segment: str | None = None) -> list[Offer]:
+        """Return the actions of the container itself, or only the one with the segment."""
+        return offers_of(self.type, self.path, self.title, segment)
 
     @property
     def branch(self) -> FleetBranch:
@@ -168,6 +187,8 @@ class Container(Generic[T]):
             return self._whole(view)
         if rest == [_BLUEPRINT]:
             return blueprint_of(self._whole(view), view.base, (self.blueprint, self.shape))
+        if rest[0] == "actions" and len(rest) > 1 and (own := self.own_offers(rest[1])):
+            return resolve_action(own, rest[1:], view.invocations, Source(lambda: self.path), view.base)
         member = self.member(view, rest[0])
         return None if member is None else member.resolve(rest[1:])
 
@@ -179,7 +200,7 @@ class Container(Generic[T]):
             steps if len(self.records.known) > _MAX_AT_ONCE else steps.__call__,
             CONTAINER,
             Source(lambda: self._facts(view)),
-            own_paths=(f"{path}/{_BLUEPRINT}",),
+            own_paths=(f"{path}/{_BLUEPRINT}", *(each.path for each in self.own_offers())),
             part_paths=tuple([f"{path}/{id}" for id, _ in self._seen(view)]),
             affords=AddMember(self) if self.by_clients else None,
         )
@@ -218,6 +239,7 @@ class Container(Generic[T]):
         graph.add(iri, HYBRIT.blueprint, NamedNode(f"{iri.value}/{_BLUEPRINT}"))
         if self.by_clients:
             graph.add(iri, HYBRIT.consumes, self.shape)
+        graph.add(iri, HYBRIT.action, *(view.iri(each.path) for each in self.own_offers()))
         for each in self.members(view):
             graph.add(iri, LDP.contains, each.iri)
             each.describe(graph)

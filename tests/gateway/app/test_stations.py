@@ -150,6 +150,31 @@ def test_a_reservation_is_rehearsed_repeated_and_cancelled_at_the_other_gateway(
     eventually(lambda: here.free(here.one, path) == 2, "the free bay")
 
 
+@pytest.mark.parametrize("method", ["PUT", "PATCH"])
+def test_a_reservation_is_kept_when_its_station_is_written(here: Here, method: str) -> None:
+    path = here.add("Dock", 2)
+    assert here.reserve(here.one, path, 60).status_code == 204
+    url = here.one.browser.root + path[1:]
+    if method == "PUT":
+        written = here.one.browser.http.put(url, json=here.get(here.one, path, "application/json").json() | {"bays": 1})
+    else:
+        update = f"DELETE {{ <> <{MY.bays}> 2 }} INSERT {{ <> <{MY.bays}> 1 }} WHERE {{}}"
+        written = here.one.browser.http.patch(url, content=update, headers={"content-type": "application/sparql-update"})
+    assert written.status_code == 204, written.text
+    assert here.free(here.one, path) == 0
+    refused = here.reserve(here.one, path, 60)
+    assert refused.status_code == 409 and "All 1 bays" in refused.text
+
+
+def test_a_bay_is_free_when_the_invocation_that_held_it_is_deleted(here: Here) -> None:
+    path = here.add()
+    location = here.reserve(here.other, path, 3600).headers["location"]
+    here.other.process.send(signal.SIGKILL)
+    eventually(lambda: here.state(here.one, location) == "failed", "the end of the reservation")
+    assert here.one.browser.http.delete(here.one.here(location)).status_code == 204
+    assert here.reserve(here.one, path, 1).status_code == 204
+
+
 def test_a_reservation_of_a_gateway_that_dies_is_ended_by_the_other(here: Here) -> None:
     path = here.add()
     location = here.reserve(here.one, path, 3600).headers["location"]
@@ -219,3 +244,18 @@ def test_a_client_of_plain_json_gets_the_member_that_it_adds(here: Here) -> None
     assert answer.json()["bays"] == 3
     refused = here.one.browser.http.post(root + "stations", json={}, headers={"accept": "image/png"})
     assert refused.status_code == 406
+
+
+def test_a_container_has_actions_of_its_own(here: Here) -> None:
+    """``lf:offeredBy`` names the class of the container: the stop of the example ends all reservations."""
+    path = here.add(bays=2)
+    held = [here.reserve(each, path, 600).headers["location"] for each in (here.one, here.other)]
+    container = here.one.browser.page(here.one.browser.root + "stations")
+    action = f"{here.one.browser.root}stations/actions/release"
+    assert container.one(HYBRIT.action) == URIRef(action)
+    released = here.one.browser.http.post(action)
+    assert released.status_code == 204, released.text
+    for location in held:
+        eventually(lambda location=location: here.state(here.one, location) == "cancelled", "the end of a reservation")  # type: ignore[misc]
+    paths = json.loads(here.get(here.one, "/openapi.json", "application/json").text)["paths"]
+    assert "post" in paths["/stations/actions/release"]

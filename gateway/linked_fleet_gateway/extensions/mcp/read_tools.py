@@ -174,6 +174,7 @@ def _in_container(context: MessageContext, container: Container[Any]) -> Iterato
         return
     told = partial(_writing, container) if container.by_clients else dict
     yield SearchResult("container", container.path, container.title, "", told)
+    yield from _actions(context, container.own_offers())
     kind = container.member_type.value.rpartition("#")[2]
     for member in container.members(context.view):
         yield SearchResult("member", member.path, member.title, kind, partial(dict, type=kind))

@@ -275,24 +275,29 @@ class FleetPaths:
         return capitalized(called) + ("OfComponent" if [*self._actions[True, called].kinds] == ["component"] else "")
 
     def of_members(self, container: Container[Any], own: Sequence[Offer]) -> dict[str, Json]:
-        """Return the path items of the actions of the members of a container.
+        """Return the path items of the actions of a container and of its members.
 
         All members have those of their kind. ``own`` are further ones of single members, by ``Container.actions``.
         """
         paths: dict[str, Json] = {}
+        for offer in container.own_offers():
+            paths |= self._of_container(container, [offer], "", {})
         for offer in container.offers(f"{container.path}/{{id}}", container.title):
-            paths |= self._of_members(container, [offer], {"id": ID_SCHEMA})
+            paths |= self._of_container(container, [offer], "/{id}", {"id": ID_SCHEMA})
         alike: dict[str, list[Offer]] = {}
         for each in own:
             alike.setdefault(each.definition.segment, []).append(each)
         for offers in alike.values():
-            paths |= self._of_members(container, offers, {"id": segment_schema(each.thing for each in offers)})
+            ids = {"id": segment_schema(each.thing for each in offers)}
+            paths |= self._of_container(container, offers, "/{id}", ids)
         return paths
 
-    def _of_members(self, container: Container[Any], offers: list[Offer], parameters: Parameters) -> dict[str, Json]:
+    def _of_container(
+        self, container: Container[Any], offers: list[Offer], below: str, parameters: Parameters
+    ) -> dict[str, Json]:
         segment = offers[0].definition.segment
         name = self._names.new(capitalized(segment) + capitalized(container.segment.strip("~")))
-        template = f"{container.path}/{{id}}/actions/{segment}"
+        template = f"{container.path}{below}/actions/{segment}"
         return action_paths(template, name, parameters, offers, self._body(name, offers, form_of_input))
 
     def _body(self, name: str, offers: list[Offer], form: Callable[[Offer, str], Form]) -> Json | None:
