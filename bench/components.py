@@ -137,7 +137,7 @@ def _told_ms(place: Place, players: "Players", count: int) -> list[float]:
 
 def _joining() -> list[Row]:
     """Return the rows of one robot of 64 components: what it costs that it joins, and that it is read first."""
-    costs, longest, first = list[float](), list[float](), list[float]()
+    costs, longest, first, described = list[float](), list[float](), list[float](), list[float]()
     with tempfile.TemporaryDirectory() as state:
         place = Place(Path(state))
         _, _, *words = place.command()
@@ -156,12 +156,17 @@ def _joining() -> list[Row]:
                     httpx.get(place.root + _name(number) + "/").raise_for_status()
                     time.sleep(0.1)  # the callback ends after its answer
                     first.append(_longest_ms(gateway))
+                    httpx.get(f"{place.root}{_name(number)}/?as=td").raise_for_status()
+                    time.sleep(0.1)
+                    described.append(_longest_ms(gateway))
     name = f"a robot of {_MOST_COMPONENTS} components joins"
     return [
         bounded(f"{name}: processor of all threads", "ms", statistics.median(costs), MOST_JOINING_MS),
         bounded(f"{name}: longest callback of the event loop", "ms", statistics.median(longest), MOST_CALLBACK_MS),
         bounded(f"first GET of a robot of {_MOST_COMPONENTS} components: longest callback of the event loop", "ms",
                 statistics.median(first), MOST_CALLBACK_MS),
+        bounded(f"first Thing Description of a robot of {_MOST_COMPONENTS} components: longest callback of the event "
+                "loop", "ms", statistics.median(described), MOST_CALLBACK_MS),
     ]  # fmt: skip
 
 
