@@ -28,9 +28,10 @@ from websockets.sync.client import connect
 import fake_robots
 from bench.answers import MEDIA_TYPES, browse, listed, read_all, typical_response
 from bench.beside import BARE, bare, wire
+from bench.crowd import Crowd, Size
 from bench.played import run_played
 from bench.scene import cpu_s, pid_of
-from bench.table import Row, at_least, at_most, bounded, known, percentile
+from bench.table import Row, at_least, at_most, bounded, known, percentile, within
 from bench.timed_gateway import SAID
 from linked_fleet_agent.wire.codec import decode, encode
 from linked_fleet_agent.wire.components import (
@@ -78,6 +79,7 @@ def rows(seconds: float) -> list[Row]:
                  0.6),
         at_most("from a robot's value to its subscriber, p50", percentile(told_ms, 0.5), "a frame on Zenoh",
                 percentile(raw_ms, 0.5), MOST_MS),
+        _without_components(seconds),
         *_joining(),
         *_compiling(),
     ]  # fmt: skip
@@ -90,6 +92,29 @@ def _gateway() -> Iterator[tuple[Place, int]]:
         with process(*place.command(), "--requests-per-client", "0") as gateway:
             gateway.said("serving")
             yield place, pid_of(gateway)
+
+
+def _without_components(seconds: float) -> Row:
+    """Return the row of robots that declare none, beside a gateway without the extension that gets the same frames."""
+    endpoint, found = f"tcp/127.0.0.1:{free_port()}", list[float]()
+    off = ((), ("--extensions-off", "components"))
+    with contextlib.ExitStack() as stack:
+        crowd = stack.enter_context(contextlib.closing(Crowd(endpoint, Size(ROBOTS, 6, 1))))
+        pids = list[int]()
+        for more in off:
+            state = stack.enter_context(tempfile.TemporaryDirectory())
+            words = ("-m", "linked_fleet_gateway", "--port", str(free_port()), "--zenoh-connect", endpoint)
+            gateway = stack.enter_context(process(*words, "--state-dir", state, *more))
+            gateway.said("serving")
+            pids.append(pid_of(gateway))
+        crowd.ask("appear")
+        crowd.ask(f"rate {RATE_HZ:g}")
+        time.sleep(10 * _SETTLED_S)  # descriptions are read
+        spent = [cpu_s(pid) for pid in pids]
+        time.sleep(took_s := max(10.0, 10 * seconds))
+        found += [(cpu_s(pid) - before) / took_s * 1e3 for pid, before in zip(pids, spent, strict=True)]
+    what = f"{ROBOTS} robots without components at {RATE_HZ:g} Hz: processor in a second"
+    return within(what, found[0], "without the extension", found[1], 1.1)
 
 
 def _has_value(place: Place, number: int) -> bool:
@@ -137,7 +162,7 @@ def _told_ms(place: Place, players: "Players", count: int) -> list[float]:
 
 def _joining() -> list[Row]:
     """Return the rows of one robot of 64 components: what it costs that it joins, and that it is read first."""
-    costs, longest, first = list[float](), list[float](), list[float]()
+    costs, longest, first, described = list[float](), list[float](), list[float](), list[float]()
     with tempfile.TemporaryDirectory() as state:
         place = Place(Path(state))
         _, _, *words = place.command()
@@ -156,12 +181,17 @@ def _joining() -> list[Row]:
                     httpx.get(place.root + _name(number) + "/").raise_for_status()
                     time.sleep(0.1)  # the callback ends after its answer
                     first.append(_longest_ms(gateway))
+                    httpx.get(f"{place.root}{_name(number)}/?as=td").raise_for_status()
+                    time.sleep(0.1)
+                    described.append(_longest_ms(gateway))
     name = f"a robot of {_MOST_COMPONENTS} components joins"
     return [
         bounded(f"{name}: processor of all threads", "ms", statistics.median(costs), MOST_JOINING_MS),
         bounded(f"{name}: longest callback of the event loop", "ms", statistics.median(longest), MOST_CALLBACK_MS),
         bounded(f"first GET of a robot of {_MOST_COMPONENTS} components: longest callback of the event loop", "ms",
                 statistics.median(first), MOST_CALLBACK_MS),
+        bounded(f"first Thing Description of a robot of {_MOST_COMPONENTS} components: longest callback of the event "
+                "loop", "ms", statistics.median(described), MOST_CALLBACK_MS),
     ]  # fmt: skip
 
 

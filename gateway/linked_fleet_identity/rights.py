@@ -34,6 +34,14 @@ class View:
     patterns: tuple[str, ...]
     name: str = ""
 
+    def __hash__(self) -> int:
+        return self._hash
+
+    @cached_property
+    def _hash(self) -> int:
+        """Kept, because each request looks up what is rendered for its view."""
+        return hash((self.patterns, self.name))
+
     @staticmethod
     @lru_cache(maxsize=4096)
     def of(patterns: frozenset[str], name: str) -> "View":

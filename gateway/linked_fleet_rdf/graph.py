@@ -116,7 +116,8 @@ class Graph:
     def blank(self, *types: NamedNode) -> BlankNode:
         self._labels += 1
         node = BlankNode(f"b{self._labels}")
-        self.a(node, *types)
+        if types:
+            self.a(node, *types)
         return node
 
     def collection(self, items: Sequence[Term]) -> Node:

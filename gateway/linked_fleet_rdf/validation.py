@@ -105,7 +105,7 @@ class ShaclValidator:
         if not violations:
             return None
         messages = list(dict.fromkeys(each.message for each in _direct(violations)))
-        return _sentence(messages), report(violations, self._shape.triples)
+        return _sentence(messages), report(violations, self._shape.statements)
 
 
 def _direct(violations: Sequence[Violation]) -> list[Violation]:

@@ -38,9 +38,25 @@ class Reply:
         return read_block(self.block)
 
 
+class DefaultFields:
+    """The lines of the fields of all responses, of which the server makes another list each second."""
+
+    def __init__(self) -> None:
+        self._kept: tuple[FieldLines, bytes] = ((), b"")
+
+    def block(self, fields: FieldLines) -> bytes:
+        kept, block = self._kept
+        if fields is not kept:
+            self._kept = fields, block = fields, field_block(fields)
+        return block
+
+
+_defaults = DefaultFields()
+
+
 def response_bytes(reply: Reply, defaults: FieldLines, method: str, *, keep_alive: bool) -> bytes:
-    """Return the bytes of a complete response; ``defaults``: the fields of all responses."""
-    fields = field_block(defaults if keep_alive else [*defaults, _CLOSE])
+    """Return the bytes of a complete response; ``defaults``: the fields of all responses, in a list that stays."""
+    fields = _defaults.block(defaults) if keep_alive else field_block([*defaults, _CLOSE])
     content = b"" if method == "HEAD" else reply.content
     return b"%b%b%b\r\n%b" % (status_line(reply.status), reply.block, fields, content)
 

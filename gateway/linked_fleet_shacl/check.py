@@ -10,13 +10,15 @@ from itertools import islice
 from pyoxigraph import NamedNode
 
 from linked_fleet_shacl.data import Data, Reach
-from linked_fleet_shacl.report import AnyTriple, TermTexts, Violation, shortened
+from linked_fleet_shacl.report import Statements, TermTexts, Violation, shortened
 from linked_fleet_shacl.terms import SHACL, Node, Term
 
 MOST = 25  # violations in a report; more would not help its reader
 _MOST_DETAILS = 50
 
 Values = Sequence[Term]
+Expectation = Callable[[], str]
+"""Returns a condition as part of a sentence. A text is needed for a refusal alone, and takes long to write."""
 # A failed discriminator tells that a branch of sh:or was not the one that was meant.
 _DISCRIMINATORS = (SHACL.HasValueConstraintComponent, SHACL.InConstraintComponent)
 
@@ -47,7 +49,7 @@ class Count:
     """A constraint on all value nodes of a shape together."""
 
     component: NamedNode
-    expected: str
+    expected: Expectation
     holds: Callable[[Data, Values], bool]
 
 
@@ -59,7 +61,7 @@ class Relation:
     """
 
     component: NamedNode
-    expected: str
+    expected: Expectation
     faults: Callable[[Data, Term, Values], Iterable[tuple[NamedNode | None, Term | None]]]
 
     def holds(self, data: Data, focus: Term, values: Values) -> bool:
@@ -71,7 +73,7 @@ class Constraint:
     """A constraint on each value node; violations of the ``inner`` shapes explain it."""
 
     component: NamedNode
-    expected: str
+    expected: Expectation
     holds: Callable[[Data, Term], bool]
     inner: tuple["Shape", ...] = ()
 
@@ -79,7 +81,7 @@ class Constraint:
         """Return the violated condition as text, and the violations of the inner shapes."""
         detail = tuple(found for shape in self.inner for found in run.detail(shape, data, value))
         told = "; ".join(found.message for found in detail)
-        return shortened(told or f"{run.texts.text(value)} must be {self.expected}"), detail
+        return shortened(told or f"{run.texts.text(value)} must be {self.expected()}"), detail
 
 
 @dataclass(eq=False, slots=True)
@@ -92,7 +94,7 @@ class Either(Constraint):
         if 0 < len(meant) < len(found):
             best = min(meant, key=len)
             return shortened("; ".join(v.message for v in best)), best
-        return shortened(f"{run.texts.text(value)} must be {self.expected}"), tuple(v for each in found for v in each)
+        return shortened(f"{run.texts.text(value)} must be {self.expected()}"), tuple(v for each in found for v in each)
 
 
 @dataclass(eq=False, slots=True)
@@ -114,7 +116,9 @@ class Switch(Constraint):
                 v for each in found for v in each
             )
         best = min(fitting, key=len, default=())
-        return shortened("; ".join(v.message for v in best) or f"{run.texts.text(value)} must be {self.expected}"), best
+        return shortened(
+            "; ".join(v.message for v in best) or f"{run.texts.text(value)} must be {self.expected()}"
+        ), best
 
     def applicable(self, data: Data, value: Term) -> Iterator["Shape"]:
         for term in data.objects(value, self.predicate):
@@ -125,8 +129,7 @@ class Switch(Constraint):
 class Shape:
     """A node shape (``path`` is None, and ``reach`` yields the focus alone) or a property shape.
 
-    ``requires`` maps predicates to terms, one of which a conforming node must have. ``caches_results`` is set if
-    several paths may lead to the same focus.
+    ``caches_results`` is set if several paths may lead to the same focus.
     """
 
     node: Node
@@ -140,8 +143,16 @@ class Shape:
     relations: tuple[Relation, ...] = ()
     value_constraints: tuple[Constraint, ...] = ()
     properties: tuple["Shape", ...] = ()
-    requires: Mapping[NamedNode, frozenset[Term]] = field(default_factory=dict)
-    expected: str = ""
+    _expected: str | None = None
+
+    def expected(self) -> str:
+        """Return the condition as part of a sentence: ``value at least 3 and at most 5``."""
+        if self._expected is None:
+            stated: list[Count | Relation | Constraint] = [*self.counts, *self.relations, *self.value_constraints]
+            own = [each.expected() for each in stated]
+            own = [f"{self.name} {' and '.join(own)}"] if own and self.name else own
+            self._expected = shortened(" and ".join([*own, *(each.expected() for each in self.properties)]))
+        return self._expected
 
     def conforms(self, data: Data, focus: Term) -> bool:
         if not self.caches_results:
@@ -180,12 +191,12 @@ class Shape:
         values = tuple(self.reach(data, focus))
         for count in self.counts:
             if not count.holds(data, values):
-                told = f"must {count.expected}, and has {run.texts.list_text(values) or 'none'}"
+                told = f"must {count.expected()}, and has {run.texts.list_text(values) or 'none'}"
                 yield self._violation(focus, None, count.component, told)
         for relation in self.relations:
             for path, value in relation.faults(data, focus, values):
                 at_fault = " ".join(run.texts.text(each) for each in (path, value) if each is not None)
-                told = f"must {relation.expected}" + (f"; at fault: {at_fault}" if at_fault else "")
+                told = f"must {relation.expected()}" + (f"; at fault: {at_fault}" if at_fault else "")
                 yield self._violation(focus, value, relation.component, told, path=path)
         for value in values:
             for constraint in self.value_constraints:
@@ -210,10 +221,10 @@ class Shape:
 
 @dataclass(frozen=True, eq=False)
 class CompiledShape:
-    """A compiled shape with the triples of its shapes graph by subject (for ``report``)."""
+    """A compiled shape with the statements of its shapes graph (for ``report``)."""
 
     shape: Shape
-    triples: Mapping[Node, Sequence[AnyTriple]]
+    statements: Mapping[Node, Statements]
     texts: TermTexts
 
     def check(self, data: Data, focus: Term) -> list[Violation]:

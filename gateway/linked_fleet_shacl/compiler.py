@@ -1,6 +1,6 @@
 """Compilation of a shapes graph. Shapes are trusted: the cost of their patterns and paths is not bounded."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Set
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
@@ -16,11 +16,10 @@ from linked_fleet_shacl.data import (
     sequence_path,
 )
 from linked_fleet_shacl.relations import RELATIONS
-from linked_fleet_shacl.report import AnyTriple, TermTexts, shortened, term_text
+from linked_fleet_shacl.report import AnyTriple, Statements, TermTexts, term_text
 from linked_fleet_shacl.statements import (
     TARGETS,
     Shapes,
-    Statements,
     Unsupported,
     at_most_one,
     boolean,
@@ -41,11 +40,7 @@ _WITH_QUALIFIED = (SHACL.qualifiedMinCount, SHACL.qualifiedMaxCount, SHACL.quali
 _OF_GRAPHS = {SHACL.parameter: "constraint components of one's own", SHACL.entailment: "sh:entailment"}
 
 
-def compile_shape(
-    triples: Iterable[AnyTriple] | Mapping[Node, Sequence[AnyTriple]],
-    shape: Node,
-    prefixes: Mapping[str, str] = PREFIXES,
-) -> CompiledShape:
+def compile_shape(triples: Iterable[AnyTriple], shape: Node, prefixes: Mapping[str, str] = PREFIXES) -> CompiledShape:
     """Compile ``shape`` of a shapes graph for any focus node, ignoring targets; ``prefixes`` shorten IRIs in messages.
 
     Raises Unsupported, which names the construct.
@@ -53,49 +48,51 @@ def compile_shape(
     return Compiler(triples, prefixes).compile(shape)
 
 
-def compile_graph(
-    triples: Iterable[AnyTriple] | Mapping[Node, Sequence[AnyTriple]], prefixes: Mapping[str, str] = PREFIXES
-) -> CompiledGraph:
+def compile_graph(triples: Iterable[AnyTriple], prefixes: Mapping[str, str] = PREFIXES) -> CompiledGraph:
     """Compile all shapes of a graph that have targets. Raises Unsupported, which names the construct."""
-    compiler = Compiler(triples, prefixes)
-    stated = [Triple(*triple) for about in compiler.triples.values() for triple in about]
+    stated = [Triple(*triple) for triple in triples]
+    compiler = Compiler(stated, prefixes)
     return CompiledGraph([(compiler.compile(shape), find) for shape, find in targets(stated)])
 
 
-def _by_subject(triples: Iterable[AnyTriple]) -> dict[Node, list[AnyTriple]]:
-    found: dict[Node, list[AnyTriple]] = {}
-    for triple in triples:
-        subject, _, _ = triple
-        found.setdefault(subject, []).append(triple)
+def _by_subject(triples: Iterable[AnyTriple]) -> dict[Node, dict[NamedNode, list[Term]]]:
+    """Return the values of each subject and predicate, each once."""
+    found: dict[Node, dict[NamedNode, list[Term]]] = {}
+    for subject, predicate, value in triples if isinstance(triples, Set) else dict.fromkeys(triples):
+        about = found.get(subject)
+        if about is None:
+            found[subject] = {predicate: [value]}
+        elif predicate in about:
+            about[predicate].append(value)
+        else:
+            about[predicate] = [value]
     return found
 
 
 class Compiler:
     """Compiles several shapes of one graph, which is searched once for what is unsupported. Raises Unsupported."""
 
-    def __init__(
-        self, triples: Iterable[AnyTriple] | Mapping[Node, Sequence[AnyTriple]], prefixes: Mapping[str, str] = PREFIXES
-    ) -> None:
-        self.triples = triples if isinstance(triples, Mapping) else _by_subject(triples)
+    def __init__(self, triples: Iterable[AnyTriple], prefixes: Mapping[str, str] = PREFIXES) -> None:
+        self._stated = _by_subject(triples)
         self.texts = TermTexts(prefixes)
-        for predicate in {predicate for about in self.triples.values() for _, predicate, _ in about}:
-            if predicate in _OF_GRAPHS:
-                raise Unsupported(_OF_GRAPHS[predicate])
+        for about in self._stated.values():
+            if not _OF_GRAPHS.keys().isdisjoint(about):
+                raise Unsupported(next(text for predicate, text in _OF_GRAPHS.items() if predicate in about))
         self._open: set[Node] = set()
-        self._done: dict[tuple[Node, int], Shape] = {}
+        self._done: dict[tuple[Term, int], Shape] = {}
 
     def compile(self, shape: Node) -> CompiledShape:
         """Compile a shape as ``compile_shape`` does. Raises Unsupported, after which nothing else may be compiled."""
-        return CompiledShape(self.shape(shape, 0), self.triples, self.texts)
+        return CompiledShape(self.shape(shape, 0), self._stated, self.texts)
 
     def shape(self, node: Term, depth: int) -> Shape:
         """Return ``node`` as a shape whose focus nodes are ``depth`` paths away from the first one (2 means two or
         more).
         """
-        if isinstance(node, Literal) or node not in self.triples:
-            raise Unsupported(f"{term_text(node)} is not described as a shape")
         if (done := self._done.get((node, depth))) is not None:
             return done
+        if isinstance(node, Literal) or node not in self._stated:
+            raise Unsupported(f"{term_text(node)} is not described as a shape")
         if node in self._open:
             raise Unsupported(f"{term_text(node)} refers to itself")
         self._open.add(node)
@@ -104,7 +101,7 @@ class Compiler:
         return shape
 
     def _compile(self, node: Node, depth: int) -> Shape:
-        stated = self.statements(node)
+        stated = self._stated[node]
         _refuse_unknown(stated)
         path = at_most_one(stated, SHACL.path)
         if isinstance(path, Literal):
@@ -119,7 +116,9 @@ class Compiler:
         if SHACL.deactivated in stated and boolean(stated, SHACL.deactivated):
             return shape
         inner = depth if path is None else min(depth + 1, 2)
-        counts, relations, constraints = list[Count](), list[Relation](), list[Constraint]()
+        counts: list[Count] = []  # list[Count]() takes many times as long
+        relations: list[Relation] = []
+        constraints: list[Constraint] = []
         for predicate in stated:
             if (read := _READERS.get(predicate)) is None:
                 continue
@@ -132,8 +131,6 @@ class Compiler:
                     relations.append(each)
         shape.counts, shape.relations, shape.value_constraints = tuple(counts), tuple(relations), tuple(constraints)
         shape.properties = tuple([self._property(each, inner) for each in stated.get(SHACL.property, ())])
-        shape.requires = self._requires(shape, stated)
-        shape.expected = _expected(shape)
         return shape
 
     def _property(self, node: Term, depth: int) -> Shape:
@@ -142,10 +139,12 @@ class Compiler:
             raise Unsupported(f"sh:property {term_text(node)} without sh:path")
         return shape
 
-    def _requires(self, shape: Shape, stated: Statements) -> dict[NamedNode, frozenset[Term]]:
+    def requires(self, shape: Shape) -> Mapping[NamedNode, frozenset[Term]]:
+        """Return predicates, each with terms of which a node that conforms has one."""
+        stated = self._stated[shape.node]
         if shape.path is None:
-            return {p: terms for each in shape.properties for p, terms in each.requires.items()}
-        if not isinstance(shape.path, NamedNode):
+            return {path: terms for each in shape.properties for path, terms in self.requires(each).items()}
+        if not isinstance(shape.path, NamedNode) or not shape.counts:
             return {}
         if SHACL.hasValue in stated:
             return {shape.path: frozenset(stated[SHACL.hasValue][:1])}
@@ -153,13 +152,8 @@ class Compiler:
             return {shape.path: frozenset(self.items(stated[SHACL.in_][0]))}
         return {}
 
-    def statements(self, node: Term) -> dict[NamedNode, list[Term]]:
-        found: dict[NamedNode, list[Term]] = {}
-        for _, predicate, value in self.triples.get(node, ()):  # type: ignore[arg-type]
-            values = found.setdefault(predicate, [])
-            if not values or value not in values:
-                values.append(value)
-        return found
+    def statements(self, node: Term) -> Statements:
+        return self._stated.get(node, {})  # type: ignore[arg-type]
 
     def paths(self, properties: Iterable[Term]) -> Iterable[NamedNode]:
         """Return the predicates of property shapes."""
@@ -227,13 +221,7 @@ def _refuse_unknown(stated: Statements) -> None:
 
 
 def _text(stated: Statements, predicate: NamedNode) -> str | None:
-    texts = [term.value for term in stated.get(predicate, ()) if isinstance(term, Literal)]
-    return texts[0] if texts else None
-
-
-def _expected(shape: Shape) -> str:
-    """Return the condition as part of a sentence: ``value at least 3 and at most 5``."""
-    stated: list[Count | Relation | Constraint] = [*shape.counts, *shape.relations, *shape.value_constraints]
-    own = [each.expected for each in stated]
-    own = [f"{shape.name} {' and '.join(own)}"] if own and shape.name else own
-    return shortened(" and ".join([*own, *(each.expected for each in shape.properties)]))
+    for term in stated.get(predicate, ()):
+        if isinstance(term, Literal):
+            return term.value
+    return None

@@ -10,12 +10,11 @@ from operator import ge, gt, le, lt
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from linked_fleet_shacl.check import Constraint, Count, Either, Shape, Switch, Values
+from linked_fleet_shacl.check import Constraint, Count, Either, Expectation, Shape, Switch, Values
 from linked_fleet_shacl.data import Data, comparable_number
-from linked_fleet_shacl.report import shortened, term_text
+from linked_fleet_shacl.report import Statements, TermTexts, shortened, term_text
 from linked_fleet_shacl.statements import (
     Shapes,
-    Statements,
     Unsupported,
     at_most_one,
     exactly_one,
@@ -46,12 +45,14 @@ def _max_count(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Cou
 
 @lru_cache
 def _at_least(least: int) -> Count:
-    return Count(SHACL.MinCountConstraintComponent, f"have {_values(least)} or more", lambda _, v: len(v) >= least)
+    text = f"have {_values(least)} or more"
+    return Count(SHACL.MinCountConstraintComponent, lambda: text, lambda _, values: len(values) >= least)
 
 
 @lru_cache
 def _at_most(most: int) -> Count:
-    return Count(SHACL.MaxCountConstraintComponent, f"have {_values(most)} at most", lambda _, v: len(v) <= most)
+    text = f"have {_values(most)} at most"
+    return Count(SHACL.MaxCountConstraintComponent, lambda: text, lambda _, values: len(values) <= most)
 
 
 def _of_property(stated: Statements, count: int) -> int:
@@ -66,11 +67,13 @@ def _values(count: int) -> str:
 
 def _has_value(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Count]:
     for term in ground_terms(stated[SHACL.hasValue]):
-        yield Count(SHACL.HasValueConstraintComponent, f"include {shapes.texts.text(term)}", _including(term))
+        yield _including(term, shapes.texts)
 
 
-def _including(term: Term) -> Callable[[Data, Values], bool]:
-    return lambda _, values: term in values
+def _including(term: Term, texts: TermTexts) -> Count:
+    return Count(
+        SHACL.HasValueConstraintComponent, lambda: f"include {texts.text(term)}", lambda _, values: term in values
+    )
 
 
 def _qualified(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Count]:
@@ -83,12 +86,18 @@ def _qualified(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Count
 
     if SHACL.qualifiedMinCount in stated:
         least = _of_property(stated, natural_number(stated, SHACL.qualifiedMinCount))
-        text = f"have {_values(least)} or more that are {shape.expected}"
-        yield Count(SHACL.QualifiedMinCountConstraintComponent, text, lambda data, v: conforming(data, v) >= least)
+        yield Count(
+            SHACL.QualifiedMinCountConstraintComponent,
+            lambda: f"have {_values(least)} or more that are {shape.expected()}",
+            lambda data, values: conforming(data, values) >= least,
+        )
     if SHACL.qualifiedMaxCount in stated:
         most = _of_property(stated, natural_number(stated, SHACL.qualifiedMaxCount))
-        text = f"have {_values(most)} at most that are {shape.expected}"
-        yield Count(SHACL.QualifiedMaxCountConstraintComponent, text, lambda data, v: conforming(data, v) <= most)
+        yield Count(
+            SHACL.QualifiedMaxCountConstraintComponent,
+            lambda: f"have {_values(most)} at most that are {shape.expected()}",
+            lambda data, values: conforming(data, values) <= most,
+        )
 
 
 def _datatype(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
@@ -102,7 +111,7 @@ def _datatype(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Const
         if formed is None:
             raise Unsupported(f"sh:datatype {term_text(wanted)}")
         holds = _of_type(wanted, formed)
-    yield Constraint(SHACL.DatatypeConstraintComponent, f"of type {shapes.texts.text(wanted)}", holds)
+    yield Constraint(SHACL.DatatypeConstraintComponent, lambda: f"of type {shapes.texts.text(wanted)}", holds)
 
 
 def _number_of(wanted: NamedNode) -> Callable[[Data, Term], bool]:
@@ -120,38 +129,49 @@ def _node_kind(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Con
     if wanted not in _KINDS:
         raise Unsupported(f"sh:nodeKind {term_text(wanted)}")
     types, text = _KINDS[wanted]
-    yield Constraint(SHACL.NodeKindConstraintComponent, text, lambda _, value: isinstance(value, types))
+    yield Constraint(SHACL.NodeKindConstraintComponent, lambda: text, lambda _, value: isinstance(value, types))
 
 
 def _class(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     for wanted in stated[SHACL.class_]:
         if not isinstance(wanted, NamedNode):
             raise Unsupported(f"sh:class {term_text(wanted)}")
-        yield Constraint(SHACL.ClassConstraintComponent, f"a {shapes.texts.text(wanted)}", _of_class(wanted))
+        yield _of_class(wanted, shapes.texts)
 
 
-def _of_class(wanted: NamedNode) -> Callable[[Data, Term], bool]:
-    return lambda data, value: data.is_a(value, wanted)
+def _of_class(wanted: NamedNode, texts: TermTexts) -> Constraint:
+    return Constraint(
+        SHACL.ClassConstraintComponent,
+        lambda: f"a {texts.text(wanted)}",
+        lambda data, value: data.is_a(value, wanted),
+    )
 
 
 def _in(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     members = dict.fromkeys(ground_terms(shapes.items(exactly_one(stated, SHACL.in_))))
-    listed = shapes.texts.list_text(members)
-    text = f"one of {listed}" if len(members) != 1 else listed
-    yield Constraint(SHACL.InConstraintComponent, text, lambda _, value: value in members)
+
+    def expected() -> str:
+        listed = shapes.texts.list_text(members)
+        return f"one of {listed}" if len(members) != 1 else listed
+
+    yield Constraint(SHACL.InConstraintComponent, expected, lambda _, value: value in members)
 
 
 def _limit(
     parameter: NamedNode, component: NamedNode, compare: Callable[[Number, Number], bool], text: str
 ) -> Callable[[Shapes, Statements, int], Iterable[Constraint]]:
-    def constraints(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
-        for term in stated[parameter]:
-            bound = number(term) if isinstance(term, Literal) else None
-            if bound is None or bound != bound:  # NaN
-                raise Unsupported(f"{term_text(parameter)} {term_text(term)}")
-            yield Constraint(component, f"{text} {_rounded(bound) or shapes.texts.text(term)}", _within(bound, compare))
+    def constraint(term: Term) -> Constraint:
+        bound = number(term) if isinstance(term, Literal) else None
+        if bound is None or bound != bound:  # NaN
+            raise Unsupported(f"{term_text(parameter)} {term_text(term)}")
 
-    return constraints
+        def holds(data: Data, value: Term) -> bool:
+            found = comparable_number(value, data)
+            return found is not None and compare(found, bound)
+
+        return Constraint(component, lambda: f"{text} {_rounded(bound) or term_text(term)}", holds)
+
+    return lambda _shapes, stated, _depth: [constraint(term) for term in stated[parameter]]
 
 
 def _rounded(bound: Number) -> str:
@@ -159,20 +179,12 @@ def _rounded(bound: Number) -> str:
     return f"{bound:.14g}" if isinstance(bound, float) else ""
 
 
-def _within(bound: Number, compare: Callable[[Number, Number], bool]) -> Callable[[Data, Term], bool]:
-    def holds(data: Data, value: Term) -> bool:
-        found = comparable_number(value, data)
-        return found is not None and compare(found, bound)
-
-    return holds
-
-
 def _min_length(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     least = natural_number(stated, SHACL.minLength)
     # As in pySHACL, minLength 0 accepts everything, even a blank node, which has no length.
     yield Constraint(
         SHACL.MinLengthConstraintComponent,
-        f"{least} or more characters long",
+        lambda: f"{least} or more characters long",
         lambda _, value: least == 0 or (isinstance(value, NamedNode | Literal) and len(value.value) >= least),
     )
 
@@ -181,7 +193,7 @@ def _max_length(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Co
     most = natural_number(stated, SHACL.maxLength)
     yield Constraint(
         SHACL.MaxLengthConstraintComponent,
-        f"{most} characters long at most",
+        lambda: f"{most} characters long at most",
         lambda _, value: isinstance(value, NamedNode | Literal) and len(value.value) <= most,
     )
 
@@ -195,16 +207,21 @@ def _pattern(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constr
             pattern = re.compile(text_of(term, SHACL.pattern), re.IGNORECASE if flags else 0)
         except re.error as error:
             raise Unsupported(f"sh:pattern {term_text(term)}: {error}") from error
-        yield Constraint(SHACL.PatternConstraintComponent, f"like {shapes.texts.text(term)}", _matching(pattern))
+        yield _matching(pattern, term)
 
 
-def _matching(pattern: re.Pattern[str]) -> Callable[[Data, Term], bool]:
-    return lambda _, value: isinstance(value, NamedNode | Literal) and pattern.search(value.value) is not None
+def _matching(pattern: re.Pattern[str], stated: Term) -> Constraint:
+    return Constraint(
+        SHACL.PatternConstraintComponent,
+        lambda: f"like {term_text(stated)}",
+        lambda _, value: isinstance(value, NamedNode | Literal) and pattern.search(value.value) is not None,
+    )
 
 
 def _language_in(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Constraint]:
     tags = [text_of(term, SHACL.languageIn).lower() for term in shapes.items(exactly_one(stated, SHACL.languageIn))]
-    yield Constraint(SHACL.LanguageInConstraintComponent, f"in the language {' or '.join(tags)}", _speaking(tags))
+    text = f"in the language {' or '.join(tags)}"
+    yield Constraint(SHACL.LanguageInConstraintComponent, lambda: text, _speaking(tags))
 
 
 def _speaking(ranges: Sequence[str]) -> Callable[[Data, Term], bool]:
@@ -218,21 +235,28 @@ def _speaking(ranges: Sequence[str]) -> Callable[[Data, Term], bool]:
 
 
 def _node(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
-    for term in stated[SHACL.node]:
-        shape = shapes.shape(term, depth)
-        if shape.path is not None:
-            raise Unsupported("sh:node of a property shape")
-        yield Constraint(SHACL.NodeConstraintComponent, shape.expected, shape.conforms, (shape,))
+    found = [shapes.shape(term, depth) for term in stated[SHACL.node]]
+    if any(shape.path is not None for shape in found):
+        raise Unsupported("sh:node of a property shape")
+    return [Constraint(SHACL.NodeConstraintComponent, each.expected, each.conforms, (each,)) for each in found]
 
 
 def _not(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for term in stated[SHACL.not_]:
         shape = shapes.shape(term, depth)
-        yield Constraint(SHACL.NotConstraintComponent, f"other than {shape.expected}", _refused(shape))
+        yield _refused(shape)
 
 
-def _refused(shape: Shape) -> Callable[[Data, Term], bool]:
-    return lambda data, value: not shape.conforms(data, value)
+def _refused(shape: Shape) -> Constraint:
+    return Constraint(
+        SHACL.NotConstraintComponent,
+        lambda: f"other than {shape.expected()}",
+        lambda data, value: not shape.conforms(data, value),
+    )
+
+
+def _joined(members: Sequence[Shape], word: str) -> Expectation:
+    return lambda: shortened(word.join(dict.fromkeys(shape.expected() for shape in members)))
 
 
 def _members(shapes: Shapes, head: Term, depth: int) -> tuple[Shape, ...]:
@@ -245,8 +269,8 @@ def _members(shapes: Shapes, head: Term, depth: int) -> tuple[Shape, ...]:
 def _and(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.and_]:
         members = _members(shapes, head, depth)
-        text = shortened(" and ".join(dict.fromkeys(shape.expected for shape in members)))
-        yield Constraint(SHACL.AndConstraintComponent, text, _conforming(members, len(members)), members)
+        holds = _conforming(members, len(members))
+        yield Constraint(SHACL.AndConstraintComponent, _joined(members, " and "), holds, members)
 
 
 def _conforming(members: tuple[Shape, ...], count: int) -> Callable[[Data, Term], bool]:
@@ -256,19 +280,24 @@ def _conforming(members: tuple[Shape, ...], count: int) -> Callable[[Data, Term]
 def _xone(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.xone]:
         members = _members(shapes, head, depth)
-        text = shortened("just one of: " + "; ".join(shape.expected for shape in members))
-        yield Constraint(SHACL.XoneConstraintComponent, text, _conforming(members, 1))
+        yield Constraint(SHACL.XoneConstraintComponent, _one_of(members), _conforming(members, 1))
+
+
+def _one_of(members: Sequence[Shape]) -> Expectation:
+    return lambda: shortened("just one of: " + "; ".join(shape.expected() for shape in members))
 
 
 def _or(shapes: Shapes, stated: Statements, depth: int) -> Iterable[Constraint]:
     for head in stated[SHACL.or_]:
         members = _members(shapes, head, depth)
-        text = shortened(" or ".join(dict.fromkeys(shape.expected for shape in members)))
-        common = [p for p in members[0].requires if all(p in shape.requires for shape in members)]
-        if common and len(members) >= _FEWEST_BRANCHES:
-            yield _switch(members, common[0], text)
+        expected = _joined(members, " or ")
+        required = [shapes.requires(shape) for shape in members] if len(members) >= _FEWEST_BRANCHES else [{}]
+        common = [predicate for predicate in required[0] if all(predicate in each for each in required)]
+        if common:
+            terms = [each[common[0]] for each in required]
+            yield _switch(members, common[0], terms, expected)
         else:
-            yield Either(SHACL.OrConstraintComponent, text, _conforming_to_any(members), members)
+            yield Either(SHACL.OrConstraintComponent, expected, _conforming_to_any(members), members)
 
 
 def _conforming_to_any(members: tuple[Shape, ...]) -> Callable[[Data, Term], bool]:
@@ -281,16 +310,19 @@ def _conforming_to_any(members: tuple[Shape, ...]) -> Callable[[Data, Term], boo
     return holds
 
 
-def _switch(members: tuple[Shape, ...], predicate: NamedNode, text: str) -> Switch:
+def _switch(
+    members: tuple[Shape, ...], predicate: NamedNode, required: Iterable[Iterable[Term]], expected: Expectation
+) -> Switch:
+    """Return the switch of ``members``, each of which requires one of some terms as value of the predicate."""
     table: dict[Term, tuple[Shape, ...]] = {}
-    for shape in members:
-        for term in shape.requires[predicate]:
+    for shape, terms in zip(members, required, strict=True):
+        for term in terms:
             table[term] = (*table.get(term, ()), shape)
 
     def holds(data: Data, value: Term) -> bool:
         return any(s.conforms(data, value) for term in data.objects(value, predicate) for s in table.get(term, ()))
 
-    return Switch(SHACL.OrConstraintComponent, text, holds, predicate=predicate, table=table)
+    return Switch(SHACL.OrConstraintComponent, expected, holds, predicate=predicate, table=table)
 
 
 COUNTS: Mapping[NamedNode, Callable[[Shapes, Statements, int], Iterable[Count]]] = {

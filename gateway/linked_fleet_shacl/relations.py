@@ -7,7 +7,8 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_shacl.check import Relation, Values
 from linked_fleet_shacl.data import Data
-from linked_fleet_shacl.statements import Shapes, Statements, Unsupported, at_most_one, boolean, predicate_of
+from linked_fleet_shacl.report import Statements, TermTexts
+from linked_fleet_shacl.statements import Shapes, Unsupported, at_most_one, boolean, predicate_of
 from linked_fleet_shacl.terms import SHACL, Term
 
 
@@ -15,7 +16,7 @@ def _unique_lang(_shapes: Shapes, stated: Statements, _depth: int) -> Iterable[R
     if SHACL.path not in stated:
         raise Unsupported("sh:uniqueLang in a node shape")
     if boolean(stated, SHACL.uniqueLang):
-        yield Relation(SHACL.UniqueLangConstraintComponent, "have one text in each language at most", _repeated)
+        yield Relation(SHACL.UniqueLangConstraintComponent, lambda: "have one text in each language at most", _repeated)
 
 
 def _repeated(_data: Data, _focus: Term, values: Values) -> Iterable[tuple[None, None]]:
@@ -26,31 +27,29 @@ def _repeated(_data: Data, _focus: Term, values: Values) -> Iterable[tuple[None,
 
 def _equals(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     for other in stated[SHACL.equals]:
-        text = f"have the values of {shapes.texts.text(other)}"
-        yield Relation(SHACL.EqualsConstraintComponent, text, _differing(predicate_of(other, SHACL.equals)))
+        yield _differing(predicate_of(other, SHACL.equals), shapes.texts)
 
 
-def _differing(other: NamedNode) -> Callable[[Data, Term, Values], Iterable[tuple[None, Term]]]:
+def _differing(other: NamedNode, texts: TermTexts) -> Relation:
     def breaches(data: Data, focus: Term, values: Values) -> Iterable[tuple[None, Term]]:
         own, others = dict.fromkeys(values), dict.fromkeys(data.objects(focus, other))
         yield from ((None, value) for value in own if value not in others)
         yield from ((None, value) for value in others if value not in own)
 
-    return breaches
+    return Relation(SHACL.EqualsConstraintComponent, lambda: f"have the values of {texts.text(other)}", breaches)
 
 
 def _disjoint(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
     for other in stated[SHACL.disjoint]:
-        text = f"have no value of {shapes.texts.text(other)}"
-        yield Relation(SHACL.DisjointConstraintComponent, text, _shared(predicate_of(other, SHACL.disjoint)))
+        yield _shared(predicate_of(other, SHACL.disjoint), shapes.texts)
 
 
-def _shared(other: NamedNode) -> Callable[[Data, Term, Values], Iterable[tuple[None, Term]]]:
+def _shared(other: NamedNode, texts: TermTexts) -> Relation:
     def breaches(data: Data, focus: Term, values: Values) -> Iterable[tuple[None, Term]]:
         others = set(data.objects(focus, other))
         return ((None, value) for value in values if value in others)
 
-    return breaches
+    return Relation(SHACL.DisjointConstraintComponent, lambda: f"have no value of {texts.text(other)}", breaches)
 
 
 def _closed(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relation]:
@@ -66,7 +65,7 @@ def _closed(shapes: Shapes, stated: Statements, _depth: int) -> Iterable[Relatio
                 if predicate not in known:
                     yield from ((predicate, value) for value in found)
 
-    yield Relation(SHACL.ClosedConstraintComponent, "have no other properties", breaches)
+    yield Relation(SHACL.ClosedConstraintComponent, lambda: "have no other properties", breaches)
 
 
 RELATIONS: Mapping[NamedNode, Callable[[Shapes, Statements, int], Iterable[Relation]]] = {

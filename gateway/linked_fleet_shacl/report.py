@@ -35,12 +35,12 @@ class Violation(NamedTuple):
 Statement = tuple[Node, NamedNode, Term]
 """One statement. A ``Triple`` of pyoxigraph takes many times as long to create."""
 AnyTriple = Triple | Statement
+Statements = Mapping[NamedNode, Sequence[Term]]
+"""What is stated about one node, by predicate."""
 
 
-def report(
-    violations: Sequence[Violation], shapes: Mapping[Node, Sequence[AnyTriple]] | None = None
-) -> list[Statement]:
-    """Return a ``sh:ValidationReport``; with ``shapes`` (``CompiledShape.triples``) complex paths are included.
+def report(violations: Sequence[Violation], shapes: Mapping[Node, Statements] | None = None) -> list[Statement]:
+    """Return a ``sh:ValidationReport``; with ``shapes`` (``CompiledShape.statements``) complex paths are included.
 
     Blank nodes get labels by origin, because labels of the data and of a shape may coincide.
     """
@@ -52,7 +52,7 @@ def report(
 
 
 class _Report:
-    def __init__(self, shapes: Mapping[Node, Sequence[AnyTriple]]) -> None:
+    def __init__(self, shapes: Mapping[Node, Statements]) -> None:
         self.statements: list[Statement] = []
         self._shapes = shapes
         self._spelt_out: set[BlankNode] = set()
@@ -86,9 +86,10 @@ class _Report:
     def _spell_out(self, path: Term) -> None:
         if isinstance(path, BlankNode) and path not in self._spelt_out:
             self._spelt_out.add(path)
-            for _, predicate, value in self._shapes.get(path, ()):
-                self.add(_relabel(path, "shape"), predicate, _relabel(value, "shape"))
-                self._spell_out(value)
+            for predicate, values in self._shapes.get(path, {}).items():
+                for value in values:
+                    self.add(_relabel(path, "shape"), predicate, _relabel(value, "shape"))
+                    self._spell_out(value)
 
 
 def _relabel(term: _T, origin: str) -> _T:

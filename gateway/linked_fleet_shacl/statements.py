@@ -4,7 +4,7 @@ Anything that SHACL does not allow is Unsupported.
 """
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
 from typing import Protocol
 
@@ -12,10 +12,8 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_shacl.check import Shape
 from linked_fleet_shacl.data import Data
-from linked_fleet_shacl.report import TermTexts, term_text
+from linked_fleet_shacl.report import Statements, TermTexts, term_text
 from linked_fleet_shacl.terms import RDF, RDFS, SHACL, XSD, Node, Term
-
-Statements = Mapping[NamedNode, Sequence[Term]]
 
 
 class Unsupported(ValueError):  # noqa: N818 - named for the state of the shape
@@ -30,6 +28,7 @@ class Shapes(Protocol):
     def shape(self, node: Term, depth: int) -> Shape: ...
     def items(self, head: Term) -> list[Term]: ...
     def paths(self, properties: Iterable[Term]) -> Iterable[NamedNode]: ...
+    def requires(self, shape: Shape) -> Mapping[NamedNode, frozenset[Term]]: ...
 
 
 _TRUE, _FALSE = (Literal(text, datatype=XSD.boolean) for text in ("true", "false"))

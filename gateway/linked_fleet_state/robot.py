@@ -126,7 +126,10 @@ class Robot:
     @property
     def presence_facts(self) -> tuple[str, int | None, str | None]:
         """The facts about its presence that descriptions state."""
-        return self.presence, None if self.online else self.last_seen_ns, self.fault
+        fault = self.fault
+        if not self.online:
+            return "offline", self.last_seen_ns, fault
+        return "faulty" if fault else "online", None, fault
 
     @property
     def commanded(self) -> tuple[str, ...]:

@@ -79,7 +79,7 @@ def test_a_report_is_a_validation_report() -> None:
     """It conforms to the specification's shape for reports, with details below the results."""
     compiled = _compiled(_TARGETS)
     found = compiled.check(Data(turtle("ex:body lf:target [ lf:ofJoint ex:elbow ; vom:numericalValue 2 ] .")), _BODY)
-    triples = report(found, compiled.triples)
+    triples = report(found, compiled.statements)
     graph = graph_of([Triple(*each) for each in triples])
     sh = rdflib.SH
     (root,) = graph.subjects(rdflib.RDF.type, sh.ValidationReport)
@@ -112,7 +112,7 @@ ex:Result a sh:NodeShape ; sh:targetClass sh:ValidationResult ;
 def test_a_report_spells_out_a_path_that_is_no_predicate() -> None:
     """A reader cannot look up a blank node of the shapes graph."""
     compiled = _compiled("ex:Shape sh:property [ sh:path ( ex:p [ sh:zeroOrMorePath ex:q ] ) ; sh:minCount 1 ] .")
-    triples = report(compiled.check(Data([]), _BODY), compiled.triples)
+    triples = report(compiled.check(Data([]), _BODY), compiled.statements)
     graph = graph_of([Triple(*each) for each in triples])
     (path,) = graph.objects(None, rdflib.SH.resultPath)
     first, second = rdflib.collection.Collection(graph, path)
@@ -123,7 +123,7 @@ def test_a_report_spells_out_a_path_that_is_no_predicate() -> None:
 def test_a_report_spells_out_a_path_once() -> None:
     compiled = _compiled("ex:Shape sh:property [ sh:path ( ex:p ex:q ) ; sh:minCount 1 ; sh:hasValue 1 ] .")
     found = compiled.check(Data([]), _BODY)
-    statements = report(found, compiled.triples)
+    statements = report(found, compiled.statements)
     assert len(found) == 2 and len(statements) == len(set(statements))
 
 

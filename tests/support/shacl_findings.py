@@ -134,7 +134,7 @@ def _of_report(triples: Sequence[Triple]) -> Results:
 
 def reported(shapes: CompiledGraph, data: Sequence[Triple]) -> Results:
     """Return the report of compiled shapes with targets on ``data``."""
-    triples = shapes.shapes[0][0].triples if shapes.shapes else {}
+    triples = shapes.shapes[0][0].statements if shapes.shapes else {}
     return _of_report([Triple(*each) for each in report(shapes.check(Data(data)), triples)])
 
 

@@ -6,6 +6,7 @@ A gateway does not start with a shape that cannot be compiled.
 from collections.abc import AsyncIterator
 from contextlib import AsyncExitStack, asynccontextmanager, closing
 from functools import cache
+from itertools import chain
 from pathlib import Path
 
 from starlette.applications import Starlette
@@ -83,7 +84,7 @@ def _check_all(*added: tuple[Path, ...]) -> None:
 
 def _compiler(name: str) -> Compiler:
     try:
-        return Compiler(load_turtle(name))
+        return Compiler(chain.from_iterable(load_turtle(name).values()))
     except Unsupported as error:
         raise Unsupported(f"linked_fleet_shapes/{name} cannot be compiled: {error}") from error
 

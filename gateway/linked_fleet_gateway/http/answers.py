@@ -202,10 +202,11 @@ class ResponseCache:
     def find(self, scope: Scope, live: Live) -> Reply | None:
         """Return the reply to a request if its response is cached and valid. An error is logged, and gives None too."""
         try:
-            key = _key(scope)
+            arrival = arrival_of(scope)
+            key = _key(scope, arrival)
             if key is None or (answer := self._kept.get(key)) is None:
                 return None
-            fields, size = arrival_of(scope).fields, answer.size
+            fields, size = arrival.fields, answer.size
             reply = (
                 answer.reply(fields.get(b"if-none-match"), accepts_gzip(fields.get(b"accept-encoding", b"")))
                 if answer.is_valid(live)
@@ -222,11 +223,11 @@ class ResponseCache:
     @staticmethod
     def is_cacheable(scope: Scope) -> bool:
         """Return True if the response to a request can be cached."""
-        return _key(scope) is not None
+        return _key(scope, arrival_of(scope)) is not None
 
     def store(self, scope: Scope, answer: CachedResponse) -> None:
         """Cache a response for further requests like this one."""
-        key = _key(scope)
+        key = _key(scope, arrival_of(scope))
         if key is None or answer.size > self._most_bytes:
             return
         self._forget(key)
@@ -245,9 +246,8 @@ class ResponseCache:
         self._bytes -= answer.size if answer is not None else 0
 
 
-def _key(scope: Scope) -> Key | None:
+def _key(scope: Scope, arrival: Arrival) -> Key | None:
     """Return the cache key of a request; None if it bypasses the cache."""
-    arrival = arrival_of(scope)
     if arrival.is_plain_read is None:
         arrival.is_plain_read = _is_plain_read(scope, arrival)
     if not arrival.is_plain_read:
@@ -272,7 +272,7 @@ def _is_plain_read(scope: Scope, arrival: Arrival) -> bool:
         and (not scope["query_string"] or _PICKED.fullmatch(scope["query_string"]) is not None)
         and len(fields.get(b"accept", b"")) <= _LONGEST_ACCEPT
         and not arrival.names_event_stream
-        and _ASKS_MORE.isdisjoint(fields)
+        and fields.keys().isdisjoint(_ASKS_MORE)  # looks up the few of the set
     )
 
 

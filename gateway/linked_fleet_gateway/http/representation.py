@@ -4,7 +4,7 @@ Entity tags and preconditions follow RFC 9110, 8.8.3, 13.1.1 and 13.1.2.
 """
 
 import re
-from collections.abc import AsyncIterator, Callable, Collection, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Collection, Generator, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import partial
@@ -15,6 +15,7 @@ from linked_fleet_base.errors import NotAcceptable
 from linked_fleet_gateway.http.fields import LINKSET_TYPES, Link, linkset_json, linkset_text
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.scheduling import Offload
+from linked_fleet_gateway.resources.description import keep_result
 from linked_fleet_gateway.resources.html import HTML, Context, Formats, HtmlWriter, PageContext
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.templates import Rendering, Templates
@@ -75,6 +76,7 @@ def _plain(tag: str) -> str:
 
 
 _A = TypeVar("_A", str, str | None)
+Steps = Callable[[], Generator[None, None, bytes]]
 Write = Callable[[_A, Resource, str, Context, Graph], "Representation"]
 
 FORMATS: Formats = {
@@ -131,6 +133,8 @@ class Representations:
         Raises as ``negotiate``, and Busy.
         """
         media_type = self.choose_media_type(accept, resource)
+        if media_type is not None and (steps := _steps_of(resource, media_type)) is not None:
+            return Representation(await _written(steps), media_type)
         if media_type is None or not self._is_long(resource, media_type):
             return self.negotiate(accept, resource, base, context)
         return await self._in_thread(self.negotiate, accept, resource, base, context, threads)
@@ -199,7 +203,9 @@ class Representations:
         """Yield the tags like ``etags``. Other requests get turns."""
         async for media_type in time_sliced(self._offered(resource)):
             with suppress(WriteError):
-                if self._is_long(resource, media_type):
+                if (steps := _steps_of(resource, media_type)) is not None:
+                    found = Representation(await _written(steps), media_type)
+                elif self._is_long(resource, media_type):
                     found = await self._in_thread(self._represent, media_type, resource, base, context, threads)
                 else:
                     found = self._represent(media_type, resource, base, context)
@@ -244,6 +250,19 @@ class Representations:
             return LINKSET_TYPES
         rdf = self.media_types if resource.describe is not None else ()
         return (*rdf, *resource.documents)
+
+
+def _steps_of(resource: Resource, media_type: str) -> Steps | None:
+    document = resource.rendition(media_type) if resource.linkset_of is None else None
+    return None if document is None else document.steps
+
+
+async def _written(steps: Steps) -> bytes:
+    """Return the document that steps write. Other requests get turns."""
+    found: list[bytes] = []
+    async for _ in time_sliced(keep_result(steps(), found)):
+        pass
+    return found[0]
 
 
 def typed_links(resource: Resource, base: str) -> list[Link]:

@@ -3,7 +3,7 @@
 The tree knows only the segment of a branch. The branch resolves the rest of the path for what the caller may see.
 """
 
-from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Awaitable, Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from typing import Any
@@ -103,11 +103,12 @@ class PropertyBranch:
 class ThingDocument:
     """A further representation of the fleet, robots and their parts that contains no measured values.
 
-    ``write`` gets the robot (None for the fleet), and its part (None for the robot itself).
+    ``steps`` gets the robot (None for the fleet), and its part (None for the robot itself), and returns the document.
+    It takes steps of a few milliseconds, between which other requests get turns.
     """
 
     media_type: str
-    write: Callable[[RequestView, Robot | None, Joint | Link | RobotPart | None], bytes]
+    steps: Callable[[RequestView, Robot | None, Joint | Link | RobotPart | None], Generator[None, None, bytes]]
 
 
 Branch = FleetBranch | RobotBranch | PropertyBranch | ThingDocument
@@ -136,7 +137,7 @@ class Branches:
     ) -> dict[str, Callable[[], bytes]]:
         """Return the further representations of a thing by media type."""
         return {
-            each.media_type: Rendition(partial(each.write, view, robot, part), is_constant=True)
+            each.media_type: Rendition.in_steps(partial(each.steps, view, robot, part), is_constant=True)
             for each in self.documents
         }
 

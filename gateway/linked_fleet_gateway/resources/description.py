@@ -8,9 +8,10 @@ do not share, and measured ones.
 import math
 import re
 from collections import deque
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from itertools import accumulate, pairwise
+from typing import TypeVar
 
 from msgspec import Struct
 from pyoxigraph import Literal, NamedNode
@@ -30,6 +31,8 @@ _MILLISECOND_NS = 1_000_000
 REPEATED = 3
 """Documents with so many rows or more differ in their number alone."""
 
+T = TypeVar("T")
+
 
 class InSteps(Struct, frozen=True):
     """A description that takes long; ``steps`` adds its triples in steps of a millisecond at most."""
@@ -43,6 +46,18 @@ class InSteps(Struct, frozen=True):
 def run_steps(steps: Iterable[None]) -> None:
     """Execute all steps at once."""
     deque(steps, maxlen=0)
+
+
+def result_of(steps: Generator[None, None, T]) -> T:
+    """Execute all steps at once, and return their result."""
+    found: list[T] = []
+    run_steps(keep_result(steps, found))
+    return found[0]
+
+
+def keep_result(steps: Generator[None, None, T], found: list[T]) -> Iterator[None]:
+    """Yield the steps, and append their result to ``found``."""
+    found.append((yield from steps))
 
 
 class Rows(Struct, frozen=True):

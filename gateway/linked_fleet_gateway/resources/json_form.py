@@ -9,12 +9,12 @@ can be filled in, with units and the bounds of several shapes merged, of an rdfl
 one says how values are served and accepted as JSON, in a package that must not load rdflib, which the client needs.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from itertools import chain
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
 from pyoxigraph import Literal, NamedNode, Triple
 
 from linked_fleet_base.contributions import present
+from linked_fleet_base.errors import Statement
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.form import Field, Form, Json, Value
 from linked_fleet_gateway.resources.settable import describe_target_input
@@ -43,11 +43,7 @@ _TYPES: dict[NamedNode, Json] = {
 
 def form_of(shape: NamedNode) -> Form:
     """Return the form of a shape in shapes/linked_fleet_shapes/blueprints.ttl or in the shapes of an extension."""
-    return present().derived(("form", shape), lambda: _form_of(shape))
-
-
-def _form_of(shape: NamedNode) -> Form:
-    return _Reader(chain.from_iterable(load_turtle(BLUEPRINTS).values())).form(shape)
+    return present().derived(("form", shape), lambda: _Reader(load_turtle(BLUEPRINTS)).form(shape))
 
 
 _INPUTS = RobotCache[Form]()
@@ -66,7 +62,7 @@ def form_of_input(offer: Offer, base: str) -> Form:
 def _form_of_input(offer: Offer, base: str) -> Form:
     graph = Graph()
     node = offer.describe_input(graph, base)
-    return form_in(graph.triples, node)
+    return form_in(graph.statements, node)
 
 
 def form_of_target(offer: Offer, base: str) -> Form:
@@ -75,12 +71,16 @@ def form_of_target(offer: Offer, base: str) -> Form:
         return declared
     graph, iri = Graph(), NamedNode(base + offer.path)
     describe_target_input(graph, iri, offer, base)
-    return form_in(graph.triples, iri)
+    return form_in(graph.statements, iri)
 
 
-def form_in(triples: Iterable[Triple], shape: Node) -> Form:
+def form_in(triples: Iterable[Triple | Statement], shape: Node) -> Form:
     """Return the JSON form of a shape described by triples."""
-    return _Reader(triples).form(shape)
+    by_subject: dict[Node, list[Triple | Statement]] = {}
+    for triple in triples:
+        subject, _, _ = triple
+        by_subject.setdefault(subject, []).append(triple)
+    return _Reader(by_subject).form(shape)
 
 
 def term_text(term: Term) -> str:
@@ -88,10 +88,11 @@ def term_text(term: Term) -> str:
 
 
 class _Reader:
-    def __init__(self, shapes: Iterable[Triple]) -> None:
-        self._said: dict[tuple[Node, NamedNode], list[Term]] = {}
-        for triple in shapes:
-            self._said.setdefault((triple.subject, triple.predicate), []).append(triple.object)  # type: ignore[arg-type]
+    """Reads the shapes of a graph, which may have many more: what is stated of each is grouped when it is read."""
+
+    def __init__(self, shapes: Mapping[Node, Sequence[Triple | Statement]]) -> None:
+        self._shapes = shapes
+        self._stated: dict[Term, dict[NamedNode, list[Term]]] = {}
 
     def form(self, shape: Node, names: Mapping[NamedNode, str] | None = None) -> Form:
         """Return the form of a shape; ``names`` are inherited by a branch that does not repeat the names of its
@@ -187,7 +188,12 @@ class _Reader:
             start = rest
 
     def _all(self, node: Node, predicate: NamedNode) -> list[Term]:
-        return self._said.get((node, predicate), [])
+        stated = self._stated.get(node)
+        if stated is None:
+            stated = self._stated[node] = {}
+            for _, each, value in self._shapes.get(node, ()):
+                stated.setdefault(each, []).append(value)
+        return stated.get(predicate, [])
 
     def _one(self, node: Node, predicate: NamedNode) -> Term | None:
         return next(iter(self._all(node, predicate)), None)

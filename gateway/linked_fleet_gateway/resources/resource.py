@@ -1,6 +1,6 @@
 """Resources: the results of resolving a path in the tree."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from typing import Any
 
 from msgspec import Struct, field
@@ -12,6 +12,7 @@ from linked_fleet_gateway.resources.description import (
     DescriptionTemplate,
     InSteps,
     MeasuredDescription,
+    result_of,
     run_steps,
 )
 from linked_fleet_gateway.resources.paths import owner_path
@@ -37,6 +38,13 @@ class Rendition(Struct, frozen=True):
     """True if it has no measured values, so that it is in no message."""
     is_long: bool = False
     """True if it takes more than a few milliseconds, so that a thread writes it. It reads nothing that changes."""
+    steps: Callable[[], Generator[None, None, bytes]] | None = None
+    """Writes the same in steps of a few milliseconds, between which other requests get turns."""
+
+    @classmethod
+    def in_steps(cls, steps: Callable[[], Generator[None, None, bytes]], *, is_constant: bool = False) -> "Rendition":
+        """Return the document that steps return."""
+        return cls(lambda: result_of(steps()), is_constant=is_constant, steps=steps)
 
     def __call__(self) -> bytes:
         return self.write()

@@ -262,7 +262,7 @@ def _violations(about: Sequence[Triple], focus: Node) -> list[Violation]:
 
 @cache
 def validators() -> tuple[CompiledShape, CompiledGraph]:
-    shapes = load_turtle(SUBSCRIPTIONS)
+    shapes = [triple for about in load_turtle(SUBSCRIPTIONS).values() for triple in about]
     return compile_shape(shapes, LF.SubscriptionShape, PREFIXES), compile_graph(shapes, PREFIXES)
 
 
@@ -270,7 +270,7 @@ def _refusal(violations: Sequence[Violation], container_iri: str) -> Unprocessab
     """Return the error, with the message of every violated constraint."""
     messages = sorted({each.message for each in violations})
     detail = "The body does not conform to the shape of a subscription: " + "; ".join(messages)
-    about = report(violations, validators()[0].triples)
+    about = report(violations, validators()[0].statements)
     return UnprocessableContent(detail + ".", report=about, constraint=container_iri)
 
 

@@ -2,7 +2,7 @@
 
 import asyncio
 import threading
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from typing import cast
 
 import pytest
@@ -109,6 +109,39 @@ def test_long_documents_are_written_in_a_thread_for_readers_and_for_comparison_o
 
     asyncio.run(run())
     assert len(threads) == 2 and threading.get_ident() not in threads
+
+
+def test_others_run_between_the_steps_of_a_document(monkeypatch: pytest.MonkeyPatch) -> None:
+    """For its readers, and while tags are compared; it is written here, because its steps read the live fleet."""
+    monkeypatch.setattr(background, "SLICE_S", 0.0)
+    turns, threads = list[None](), set[int]()
+
+    def steps() -> Generator[None, None, bytes]:
+        for _ in range(_STEPS):
+            threads.add(threading.get_ident())
+            yield
+        return b"{}"
+
+    found = Resource("/b", "", None, documents={"application/td+json": Rendition.in_steps(steps)})
+    representations, offload = Representations(), Offload()
+
+    async def count() -> None:
+        while True:
+            await asyncio.sleep(0)
+            turns.append(None)
+
+    async def run() -> None:
+        others = asyncio.create_task(count())
+        shown = await representations.negotiate_interleaved(None, found, _BASE, PageContext, offload)
+        assert shown == representations.negotiate(None, found, _BASE)
+        read = len(turns)
+        assert read >= _STEPS - 1  # the first turn starts the other task
+        tags = [tag async for tag in representations.etags_interleaved(found, _BASE, PageContext, offload)]
+        assert tags == [shown.etag] and len(turns) - read >= _STEPS
+        others.cancel()
+
+    asyncio.run(run())
+    assert threads == {threading.get_ident()}
 
 
 def test_its_tags_are_those_of_its_documents() -> None:

@@ -5,6 +5,7 @@ units of the same quantity and, for a property that is read, ``lf:unknown``.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from operator import attrgetter
 from typing import Any
 
 import msgspec
@@ -30,10 +31,8 @@ from linked_fleet_rdf.vocabulary import SH as _SH
 SH = _SH.extended("closed ignoredProperties zeroOrMorePath oneOrMorePath pattern order defaultValue message BlankNode")
 _TRUE = Literal("true", datatype=XSD.boolean)
 _TYPES = sorted(COMMON_TYPES, key=str)
-_OF_NUMBERS = (
-    *("type", "unit", "enum", "const", "default", "minimum", "maximum", "exclusive_minimum", "exclusive_maximum"),
-)
-"""The members of a schema that decide the shape of a number."""
+_of_number = attrgetter("type", "enum", "const", "default")
+_limits = attrgetter("minimum", "maximum", "exclusive_minimum", "exclusive_maximum")
 _BOOLEANS: Mapping[bool, tuple[str, str]] = {True: ("true", "1"), False: ("false", "0")}
 
 
@@ -131,21 +130,28 @@ class ShapeWriter:
     # -- numbers ------------------------------------------------------------------------------------------------------
 
     def _quantity(self, node: Node, schema: Schema, *, may_be_unknown: bool) -> None:
-        key = (may_be_unknown, *(getattr(schema, each) for each in _OF_NUMBERS))
-        quantity = self._once(key, lambda shape: self._number_with_unit(shape, schema, may_be_unknown))
-        self._graph.add(node, SH.node, quantity)
-
-    def _number_with_unit(self, quantity: Node, schema: Schema, may_be_unknown: bool) -> None:
-        graph = self._graph
+        """Accept a number with its unit. Limits in several units are branches beside what these have in common."""
         units = (declared_unit(schema),) if self._of_output else accepted_units(schema)
-        graph.add(quantity, SH.node, self._once(units, lambda shape: self._unit(shape, units)))
         limits = full_range(schema) if len(units) == 1 else largest_range(schema)
-        key = (may_be_unknown, schema.type, schema.enum, schema.const, schema.default, *limits.items())
-        value = self._once(key, lambda shape: self._numerical_value(shape, schema, limits, may_be_unknown))
-        graph.add(quantity, SH.property, value)
+        names = tuple([each.qudt for each in units])
+        key = (names, may_be_unknown, *_of_number(schema), *limits.items())
+        quantity = self._once(key, lambda shape: self._number_with_unit(shape, schema, units, limits, may_be_unknown))
+        self._graph.add(node, SH.node, quantity)
         if len(units) > 1:
-            branches = [self._in_unit(unit, stated_range(schema, units[0].si / unit.si)) for unit in units]
-            graph.add(quantity, SH.or_, graph.collection(branches))
+            key = (names, *_limits(schema))
+            if key not in self._shared:
+                branches = [self._in_unit(unit, stated_range(schema, units[0].si / unit.si)) for unit in units]
+                self._shared[key] = self._graph.collection(branches)
+            self._graph.add(node, SH.or_, self._shared[key])
+
+    def _number_with_unit(
+        self, quantity: Node, schema: Schema, units: tuple[Unit, ...], limits: Range, may_be_unknown: bool
+    ) -> None:
+        unit = self._once(units, lambda shape: self._unit(shape, units))
+        self._graph.add(quantity, SH.node, unit)
+        value = self._graph.blank()
+        self._graph.add(quantity, SH.property, value)
+        self._numerical_value(value, schema, limits, may_be_unknown)
 
     def _numerical_value(self, value: Node, schema: Schema, limits: Range, may_be_unknown: bool) -> None:
         self._cardinality(value, VOM.numericalValue, least=1, name="value")

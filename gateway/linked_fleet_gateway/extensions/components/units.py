@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from functools import lru_cache
 
 from msgspec import UNSET
 from pyoxigraph import NamedNode
@@ -15,9 +16,14 @@ _QUANTITIES = (ANGULAR.accepted, ANGULAR.speeds, LINEAR.accepted, LINEAR.speeds)
 
 def declared_unit(schema: Schema) -> Unit:
     """Return the unit of a number; a number without unit is unitless."""
-    if not schema.unit:
+    return _unit(schema.unit)
+
+
+@lru_cache(maxsize=256)
+def _unit(name: str) -> Unit:
+    if not name:
         return UNITLESS
-    iri = NamedNode(UNIT.iri + schema.unit)
+    iri = NamedNode(UNIT.iri + name)
     return UNITS.get(iri) or Unit(iri, iri, (iri,))
 
 
@@ -26,10 +32,15 @@ def accepted_units(schema: Schema) -> tuple[Unit, ...]:
 
     A value that must be met exactly, as an integer or one of an enumeration, has its declared unit alone.
     """
-    declared = declared_unit(schema)
-    same = next((units for units in _QUANTITIES if declared in units), ())
     if schema.type == "integer" or schema.enum or schema.const is not UNSET:
-        same = ()
+        return (declared_unit(schema),)
+    return _of_same_quantity(schema.unit)
+
+
+@lru_cache(maxsize=256)
+def _of_same_quantity(name: str) -> tuple[Unit, ...]:
+    declared = _unit(name)
+    same = next((units for units in _QUANTITIES if declared in units), ())
     return (declared, *(unit for unit in same if unit != declared))
 
 

@@ -182,7 +182,7 @@ def _read_fields(described: bytes, node: str, language: str) -> tuple[str, tuple
 
     Cached, because reading takes long and shapes rarely change.
     """
-    graph, triples = rdflib.Graph(), list(parse(described, format=RdfFormat.N_TRIPLES))
+    graph, triples = rdflib.Graph(), [quad.triple for quad in parse(described, format=RdfFormat.N_TRIPLES)]
     found: Node = rdflib.BNode()
     for triple in triples:
         terms = [_term(each) for each in (triple.subject, triple.predicate, triple.object)]

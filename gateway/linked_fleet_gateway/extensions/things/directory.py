@@ -4,7 +4,7 @@ A page of the directory in RDF has things with their names and classes, in the o
 extension are here too.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Generator, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from hashlib import blake2b
@@ -34,6 +34,7 @@ from linked_fleet_gateway.extensions.things.td import (
     types_of,
 )
 from linked_fleet_gateway.faces import Offer, RobotPart, ThingDocument, parts_of
+from linked_fleet_gateway.serving import Rendition
 from linked_fleet_rdf.graph import Graph
 from linked_fleet_rdf.vocabulary import DCTERMS, LDP, RDFS, XHV
 from linked_fleet_rdf.vocabulary import LF as CORE
@@ -114,7 +115,9 @@ class Listing:
         robot, part = place
         about, faults = (robot.name if robot else "", part.name if part else ""), self.view.faults
         with faults.guard(_THINGS, *about):
-            return write_description(self.containers, self.view, *place) if self._is_present(place) else None
+            if not self._is_present(place):
+                return None
+            return Rendition.in_steps(partial(write_description, self.containers, self.view, *place))()
         return placeholder_description(id, self.view.requires_authentication, faults.find(_THINGS, *about))
 
     def _is_present(self, place: Place) -> bool:
@@ -133,8 +136,8 @@ class Listing:
 
 def write_description(
     containers: Containers, view: RequestView, robot: Robot | None, part: Joint | Link | RobotPart | None
-) -> bytes:
-    """Return the Thing Description of the fleet (no robot), a robot, or a part of it."""
+) -> Generator[None, None, bytes]:
+    """Return the Thing Description of the fleet (no robot), a robot, or a part of it, in steps."""
     thing = Thing(view.base, view.requires_authentication, robot, part)
     return thing_description(thing, view.robots, [] if robot is not None else _actions_of_members(containers, view))
 
@@ -151,7 +154,7 @@ def _actions_of_members(containers: Containers, view: RequestView) -> list[Offer
 def _entrance(containers: Containers, view: RequestView, rest: Sequence[str]) -> Found:
     if list(rest) != ["wot"]:
         return None
-    documents = {TD: partial(write_description, containers, view, None, None)}
+    documents = {TD: Rendition.in_steps(partial(write_description, containers, view, None, None))}
     return Resource("/.well-known/wot", "Thing Description", None, (LDP.Resource,), documents=documents)
 
 
@@ -169,7 +172,7 @@ def _directory(containers: Containers, view: RequestView, rest: Sequence[str]) -
         f"Thing Description of {id}",
         None,
         (LDP.Resource,),
-        documents={TD: partial(write_description, containers, view, *place)},
+        documents={TD: Rendition.in_steps(partial(write_description, containers, view, *place))},
     )
 
 

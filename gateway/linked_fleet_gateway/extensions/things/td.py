@@ -4,7 +4,7 @@ They describe the same resources as the RDF, for Web of Things clients. Every fo
 """
 
 import json
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -75,8 +75,12 @@ class Thing:
     def id(self) -> str:
         return self.base + self.path
 
-    def td(self, robots: Iterable[str], more: Iterable[Offer] = ()) -> Json:
-        """Return the description. ``robots`` (visible ones) and ``more`` (further actions) are of the fleet only."""
+    def td(self, robots: Iterable[str], more: Iterable[Offer] = ()) -> Generator[None, None, Json]:
+        """Return the description, in steps. ``robots`` (visible ones) and ``more`` (further actions) are of the fleet
+        only.
+        """
+        properties: Json = {}
+        actions: Json = {}
         said: Json = {
             "@context": [CONTEXT, {"@language": "en"}],
             "id": self.id,
@@ -84,11 +88,19 @@ class Thing:
             "title": self._title(),
             "securityDefinitions": {"access": _scheme(self.secured)},
             "security": ["access"],
-            "properties": {item.segment: self._property(item) for item in self._items()},
-            "actions": {name: self._action(offer) for name, offer in self._offers(more)},
+            "properties": properties,
+            "actions": actions,
             "links": list(self._links(robots)),
         }
-        if events := {each.segment: self._event(each) for each in self._items() if _EVENT in each.types}:
+        items, offers = self._items(), list(self._offers(more))
+        for item in items:
+            yield
+            properties[item.segment] = self._property(item)
+        for name, offer in offers:
+            yield
+            actions[name] = self._action(offer)
+        yield
+        if events := {each.segment: self._event(each) for each in items if _EVENT in each.types}:
             said["events"] = events
         return _directory(self.base, said) if self.robot is None else said
 
@@ -199,9 +211,15 @@ def types_of(part: Joint | Link | RobotPart) -> Sequence[NamedNode]:
     return (ROS.Link,) if isinstance(part, Link) else part.types
 
 
-def thing_description(thing: Thing, robots: Iterable[str] = (), more: Iterable[Offer] = ()) -> bytes:
-    """Return the bytes of a Thing Description; ``more`` are actions of what is neither robot nor part of one."""
-    return json.dumps(with_types(thing.td(robots, more)), ensure_ascii=False, allow_nan=False).encode()
+def thing_description(
+    thing: Thing, robots: Iterable[str] = (), more: Iterable[Offer] = ()
+) -> Generator[None, None, bytes]:
+    """Return the bytes of a Thing Description, in steps; ``more`` are actions of what is neither robot nor part of
+    one.
+    """
+    said = yield from thing.td(robots, more)
+    yield
+    return json.dumps(with_types(said), ensure_ascii=False, allow_nan=False).encode()
 
 
 def placeholder_description(id: str, secured: bool, reason: str) -> bytes:
