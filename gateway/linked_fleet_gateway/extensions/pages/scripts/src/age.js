@@ -42,6 +42,11 @@ export function agree(response, sentMs) {
   skewMs = Math.abs(best.skewMs) > certainMs ? best.skewMs : 0;
 }
 
+/** @returns {number} the present by the gateway's clock, in milliseconds since 1970, as far as it differs from this one's by seconds */
+export function presentMs() {
+  return Date.now() - skewMs;
+}
+
 /** @param {number} seconds */
 export function age(seconds) {
   return say("{time} ago", { time: span(seconds) });
@@ -68,7 +73,7 @@ function past(time, agoMs) {
 export function refresh(time) {
   const stamp = Date.parse(time.dateTime);
   if (Number.isNaN(stamp)) return;
-  const ahead = stamp - (Date.now() - skewMs);
+  const ahead = stamp - presentMs();
   const text = ahead > AGREED_MS ? say("in {time}", { time: span(ahead / 1000) }) : past(time, -ahead);
   if (time.title !== time.dateTime) time.title = time.dateTime;
   if (time.textContent !== text) time.textContent = text;
