@@ -21,6 +21,7 @@ from linked_fleet_gateway.actions.plan import Caller
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import kept_token
 from linked_fleet_gateway.base.errors import FleetError, Offline, OperationTimeout
+from linked_fleet_gateway.base.sentences import offline_sentence
 from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.rdf.graph import Graph, Node
@@ -150,7 +151,7 @@ class Operations:
         whoever has the lease, and even without Redis.
         """
         if robot is not None and not robot.online and not is_stop:
-            raise Offline(f"Robot {robot.name} is offline; its actions answer again once it is back.")
+            raise Offline(offline_sentence(robot.name))
         now_ns = time.time_ns()
         invocation = Invocation(
             id=str(uuid.uuid4()),
