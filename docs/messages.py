@@ -43,8 +43,8 @@ def messages(extension: Path) -> set[str]:
 
 def _core() -> Iterator[Path]:
     """Yield the modules that are of no extension, whose refusals the pages say."""
-    gateway = EXTENSIONS.parent
-    yield from (path for path in gateway.rglob("*.py") if EXTENSIONS not in path.parents)
+    for package in EXTENSIONS.parents[1].glob("linked_fleet_*"):
+        yield from (path for path in package.rglob("*.py") if EXTENSIONS not in path.parents)
 
 
 def scripts(extension: Path) -> Iterator[Path]:

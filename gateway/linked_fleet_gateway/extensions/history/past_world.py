@@ -12,6 +12,7 @@ from math import dist
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_base.errors import BadRequest
 from linked_fleet_gateway.api import (
     Found,
     Graph,
@@ -27,7 +28,6 @@ from linked_fleet_gateway.api import (
     read_resource,
     robot_path,
 )
-from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.extensions.history.describe import LF
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.segment import PLACEMENTS, UNKNOWN, WORLD, Said
@@ -46,10 +46,10 @@ from linked_fleet_gateway.extensions.world.descriptions import describe_object, 
 from linked_fleet_gateway.extensions.world.placement import LF as WORLD_LF
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, describe_pose
 from linked_fleet_gateway.extensions.world.service import World as PresentWorld
-from linked_fleet_gateway.fleet.kinematics import ORIGIN
-from linked_fleet_gateway.rdf.graph import timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, RDFS
 from linked_fleet_gateway.serving import check_preconditions
+from linked_fleet_rdf.graph import timestamp
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LDP, RDFS
+from linked_fleet_state.kinematics import ORIGIN
 
 SEGMENT = "world"
 MOST_ROBOTS = 100

@@ -32,8 +32,8 @@ from linked_fleet_gateway.extensions.world.scene import (
     TriangleMesh,
 )
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.fleet.kinematics import compose
-from linked_fleet_gateway.fleet.xml import Vector
+from linked_fleet_state.kinematics import compose
+from linked_fleet_state.xml import Vector
 
 log = logging.getLogger(__name__)
 

@@ -16,8 +16,8 @@ from urllib.parse import quote
 
 from markupsafe import Markup, escape
 
-from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.base.sentences import Sentence, fill
+from linked_fleet_base.contributions import present
+from linked_fleet_base.sentences import Sentence, fill
 
 ENGLISH = "en"
 MARKED = "en-XA"

@@ -2,7 +2,7 @@
 
 import uPlot from "uplot";
 
-import { presentMs } from "../../pages/scripts/src/age.js";
+import { now as presentMs } from "../../pages/scripts/src/gateway_clock.js";
 import { isCurrent, onCurrency } from "../../pages/scripts/src/agent_clock.js";
 import { number } from "../../pages/scripts/src/format.js";
 import { key } from "../../pages/scripts/src/ntriples.js";
