@@ -11,7 +11,7 @@ from playwright.sync_api import Page, ViewportSize, expect
 from rdflib import URIRef
 
 from accessibility import violations
-from browser import LDP, LF
+from browser import DCTERMS, LDP, LF
 from browser import Browser as Client
 from chromium import DESK, PHONE
 from commanding import of_joint, post, radian
@@ -57,7 +57,10 @@ def past(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Past]:
             live(client, "ur5")
             live(client, "twin")
             crate = arrange(client)
-            before = eventually(lambda: newest(client), "the first sample")
+            arranged, _ = objects(client)
+            before = eventually(
+                lambda: found if (found := newest(client) or 0) > arranged else None, "a sample since then"
+            )
             answer = post(client, of_joint(client, JOINT, LF.Rotate), radian(1.0), prefer="wait=30")
             assert answer.status_code < 300, answer.text
             after = eventually(lambda: found if (found := newest(client)) and found > before + 1 else None, "more")
@@ -81,8 +84,13 @@ def arrange(client: Client) -> str:
     }
     answer = client.http.post(f"{client.root}world/objects", json=thing)
     assert answer.status_code == 201, answer.text
-    eventually(lambda: objects(client)[1], "the crate on disk")
+    eventually(lambda: len(objects(client)[1]) == 1 and robots_placed(client) == 2, "all of it on disk")
     return answer.headers["location"]
+
+
+def robots_placed(client: Client) -> int:
+    page = client.page(f"{client.root}ur5/history/world")
+    return len(list(page.graph.objects(page.iri, DCTERMS.hasPart)))
 
 
 def objects(client: Client) -> tuple[float, list[object]]:
