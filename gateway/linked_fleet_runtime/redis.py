@@ -14,6 +14,7 @@ from redis import exceptions
 from redis.asyncio.cluster import ClusterNode
 from redis.asyncio.retry import Retry
 from redis.backoff import NoBackoff
+from redis.driver_info import DriverInfo
 
 from linked_fleet_base.errors import DataDamaged, RedisUnavailable
 from linked_fleet_runtime.redis_exchange import Command, Exchange
@@ -49,6 +50,7 @@ _NOT_NOW = ("MISCONF", "NOREPLICAS", "BUSY ", "LOADING", "CLUSTERDOWN", "MASTERD
 # client closes all connections when one fails, including those in use.
 _CLOSED = ("the handler is closed", "'NoneType' object has no attribute 'writelines'")
 _T = TypeVar("_T")
+_DRIVER = DriverInfo()  # once: it reads the metadata of a distribution, which takes longer than a connection
 _DURABLE = {"appendonly": "yes", "appendfsync": "always"}
 
 
@@ -278,7 +280,7 @@ def _client(url: str) -> Any:
     scheme, _, rest = url.partition("://")
     once = Retry(NoBackoff(), 0)
     # RESP 2, so that answers have one form with every server.
-    options: dict[str, Any] = {"socket_connect_timeout": _ANSWER_S, "protocol": 2}
+    options: dict[str, Any] = {"socket_connect_timeout": _ANSWER_S, "protocol": 2, "driver_info": _DRIVER}
     if scheme in ("redis", "rediss", "unix"):
         return redis.asyncio.Redis.from_url(url, retry=once, socket_timeout=None, **options)
     if scheme not in ("redis+cluster", "rediss+cluster"):
