@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.pages.templating import messages_of
 ROOT = Path(__file__).parents[1]
 EXTENSIONS = ROOT / "gateway" / "linked_fleet_gateway" / "extensions"
 SHAPES = ROOT / "shapes" / "linked_fleet_shapes"
-_SAYING = {"say", "message", "translated"}
+_SAYING = {"say", "message", "translated", "sentence"}
 _TITLED = {"NavigationEntry": 0, "Resource": 1}
 """Calls whose argument at this place is the title of something of the gateway."""
 _IN_SCRIPT = re.compile(r"""(?<![\w.$])(?:say|message)\(\s*("(?:[^"\\]|\\.)*")""")
@@ -32,13 +32,19 @@ def messages(extension: Path) -> set[str]:
     found = set[str]()
     for path in (extension / "templates").glob("*.html"):
         found |= messages_of(path.read_text(encoding="utf-8"))
-    for path in extension.glob("*.py"):
+    for path in (*extension.glob("*.py"), *(_core() if extension.name == "pages" else ())):
         found |= set(_in_module(ast.parse(path.read_text(encoding="utf-8"))))
     for path in scripts(extension):
         found |= {json.loads(each) for each in _IN_SCRIPT.findall(path.read_text(encoding="utf-8"))}
     for path in extension.glob("*.ttl") if extension.name != "pages" else SHAPES.rglob("*.ttl"):
         found |= set(_in_turtle(path))
     return {each for each in found if any(char.isalpha() for char in each)}
+
+
+def _core() -> Iterator[Path]:
+    """Yield the modules that are of no extension, whose refusals the pages say."""
+    for package in EXTENSIONS.parents[1].glob("linked_fleet_*"):
+        yield from (path for path in package.rglob("*.py") if EXTENSIONS not in path.parents)
 
 
 def scripts(extension: Path) -> Iterator[Path]:
@@ -48,6 +54,8 @@ def scripts(extension: Path) -> Iterator[Path]:
 
 def _in_module(tree: ast.Module) -> Iterator[str]:
     for node in ast.walk(tree):
+        if isinstance(node, ast.Assign | ast.AnnAssign):
+            yield from _title_of_error(node)
         if not isinstance(node, ast.Call):
             continue
         name = node.func.id if isinstance(node.func, ast.Name) else ""
@@ -56,6 +64,15 @@ def _in_module(tree: ast.Module) -> Iterator[str]:
             yield from _texts(node.args[place])
         if name == "Container":
             yield from (text for each in node.keywords if each.arg == "title" for text in _texts(each.value))
+
+
+def _title_of_error(node: ast.Assign | ast.AnnAssign) -> Iterator[str]:
+    """Yield the title in ``status, code, title = 404, "not-found", "There is no such resource"``."""
+    (target, *_) = node.targets if isinstance(node, ast.Assign) else [node.target]
+    if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
+        names = [each.id for each in target.elts if isinstance(each, ast.Name)]
+        if {"status", "title"} <= set(names):
+            yield from _texts(node.value.elts[names.index("title")])
 
 
 def _texts(node: ast.expr) -> Iterator[str]:

@@ -70,8 +70,10 @@ class FleetError(Exception):
     def __init__(
         self, detail: str, *, headers: Mapping[str, str] | None = None, report: Sequence[Statement] | None = None
     ) -> None:
-        super().__init__(detail)
-        self.detail = detail
+        super().__init__(str(detail))
+        self.detail = str(detail)
+        self.sentence = detail
+        """The detail, with what it was made of if that is a ``Sentence``, so that it can be said in other languages."""
         self.headers: dict[str, str] = dict(headers or {})
         if self.retry_after_s is not None:
             self.headers["Retry-After"] = str(self.retry_after_s)

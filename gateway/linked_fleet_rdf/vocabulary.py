@@ -7,7 +7,9 @@ in ``lf`` and described in shapes/linked_fleet_shapes/vocabulary.ttl. Extensions
 
 from linked_fleet_shacl.terms import Namespace
 
-RDF = Namespace("http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil Property")
+RDF = Namespace(
+    "http://www.w3.org/1999/02/22-rdf-syntax-ns#", "type first rest nil Property Statement predicate object"
+)
 RDFS = Namespace("http://www.w3.org/2000/01/rdf-schema#", "seeAlso label comment Class subClassOf")
 OWL = Namespace("http://www.w3.org/2002/07/owl#", "Ontology")
 XSD = Namespace(
@@ -121,7 +123,7 @@ LF = Namespace(
     " preempts preemptedBy limitedBecause plannedBecause pathDeviation positionResidual orientationResidual answer"
     " ofRobot currentTask closest clearance uncertainty nearTo share plan leastManipulability"
     " leastManipulabilityTime"
-    " lastMoved moving linkQuality modelName batteryCharge InvocationList"
+    " lastMoved moving linkQuality modelName batteryCharge agentStatement InvocationList"
     # predicates: control and settings
     " lease holder priority expires leaseDuration targetRotation targetTranslation annotations maximumSpeedScale"
     # predicates: subscriptions and their messages

@@ -48,6 +48,8 @@ class FakeRobot:
 
     def __init__(self, session: zenoh.Session, name: str) -> None:
         self.session, self.name = session, name
+        self.behind_s = 0.0
+        """How far its clock is behind."""
         self.incarnation = next(_runs)
         self._sequence = itertools.count()
         self._kept: list[object] = []
@@ -102,7 +104,7 @@ class FakeRobot:
                 incarnation=self.incarnation if incarnation is None else incarnation,
                 sequence=next(self._sequence),
                 monotonic_ns=time.monotonic_ns(),
-                wall_ns=time.time_ns(),
+                wall_ns=time.time_ns() - int(self.behind_s * 1e9),
                 positions=tuple(positions),
                 velocities=unknown,
                 efforts=unknown,

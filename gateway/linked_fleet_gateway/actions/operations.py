@@ -16,6 +16,7 @@ from msgspec.structs import replace
 from pyoxigraph import Triple
 
 from linked_fleet_base.errors import FleetError, Offline, OperationTimeout
+from linked_fleet_base.sentences import offline_sentence
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
 from linked_fleet_gateway.actions.opening import Opening
 from linked_fleet_gateway.actions.plan import Caller
@@ -155,7 +156,7 @@ class Operations:
         whoever has the lease, and even without Redis.
         """
         if robot is not None and not robot.online and not is_stop:
-            raise Offline(f"Robot {robot.name} is offline; its actions answer again once it is back.")
+            raise Offline(offline_sentence(robot.name))
         now_ns = time.time_ns()
         invocation = Invocation(
             id=str(uuid.uuid4()),

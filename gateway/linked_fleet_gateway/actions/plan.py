@@ -10,6 +10,7 @@ from pyoxigraph import NamedNode
 from linked_fleet_agent.wire.components import COMPONENTS_VERSION, Operate
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command, Expectation, Follow, Move
 from linked_fleet_base.errors import Offline
+from linked_fleet_base.sentences import offline_sentence, sentence
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.paths import joint_or_link, robot_path
 from linked_fleet_identity.rights import ALL, EVERYBODY, Identity, View
@@ -213,8 +214,14 @@ class ActionRequest:
         """Return the time of the request. Raises Offline if the robot could not be commanded."""
         if self.robot_time is None:
             robot = self.required_robot()
-            since = "has not sent a frame yet" if robot.online else "is offline"
-            raise Offline(f"Robot {robot.name} {since}; its actions answer again once it is back.")
+            if robot.online:
+                raise Offline(
+                    sentence(
+                        "Robot {robot} has not sent a frame yet; its actions answer again once it is back.",
+                        robot=robot.name,
+                    )
+                )
+            raise Offline(offline_sentence(robot.name))
         return self.robot_time
 
     def required_robot(self) -> Robot:
@@ -228,7 +235,9 @@ class ActionRequest:
     def model(self) -> RobotModel:
         model = self.required_robot().model
         if model is None:
-            raise Offline(f"Robot {self.required_robot().name} has no usable description at present.")
+            raise Offline(
+                sentence("Robot {robot} has no usable description at present.", robot=self.required_robot().name)
+            )
         return model
 
     def joint_at(self, iri: object) -> Joint:

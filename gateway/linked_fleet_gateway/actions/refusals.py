@@ -25,6 +25,7 @@ from linked_fleet_base.errors import (
     TooManyInvocations,
 )
 from linked_fleet_base.errors import KeyReused as KeyReusedError
+from linked_fleet_base.sentences import sentence
 from linked_fleet_gateway.actions.store import KeyReused, LeaseHeld, LeaseNotHeld
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_state.invocation import NOT_BEGUN
@@ -41,7 +42,11 @@ def required_lease_id(robot: Robot) -> str:
 def agent_refusal(robot: Robot, reply: Refused) -> Conflict:
     if reply.code == "expectation":
         return Changed(f"The precondition does not hold: {reply.reason}")
-    return RefusedByAgent(f"The agent of {robot.name} refused ({reply.code}): {reply.reason}")
+    return RefusedByAgent(
+        sentence(
+            "The agent of {robot} refused ({code}): {reason}", robot=robot.name, code=reply.code, reason=reply.reason
+        )
+    )
 
 
 def raise_first_refusal(robot: Robot | None, invocation: Invocation) -> None:
@@ -72,7 +77,11 @@ def _raise_first_refusal_of_operation(invocation: Invocation) -> None:
 
 def agent_timeout(invocation: Invocation, reason: str) -> AgentTimeout:
     return AgentTimeout(
-        f"The agent of {invocation.robot} gave no answer: {reason}. The invocation stays until that is settled.",
+        sentence(
+            "The agent of {robot} gave no answer: {reason}. The invocation stays until that is settled.",
+            robot=invocation.robot,
+            reason=reason,
+        ),
         headers={"location": invocation_path(invocation)},
     )
 
@@ -81,8 +90,12 @@ def owed_stop_refusal(robot: str, asked_ns: int) -> StopOwed:
     """Return the refusal of a motion because a stop that was asked for at ``asked_ns`` (wall time) is not confirmed."""
     asked = datetime.fromtimestamp(asked_ns / 1e9, UTC).isoformat(timespec="seconds")
     return StopOwed(
-        f"The agent of {robot} has not confirmed the stop of {asked}. It is sent before any motion, as soon as the "
-        "agent is heard from. Ask again then.",
+        sentence(
+            "The agent of {robot} has not confirmed the stop of {asked}. It is sent before any motion, as soon as the "
+            "agent is heard from. Ask again then.",
+            robot=robot,
+            asked=asked,
+        ),
         reason="an earlier stop was not confirmed",
     )
 
@@ -123,14 +136,30 @@ def translate_store_errors() -> Iterator[None]:
     except LeaseHeld as error:
         lease = error.lease
         until = datetime.fromtimestamp(lease.expires_ns / 1e9, UTC).isoformat(timespec="seconds")
-        as_whom = ", as a person" if lease.priority == "person" else ""
+        said = (
+            sentence(
+                "{holder} controls {robot} until {until}, as a person; only stopping is open to everybody.",
+                holder=lease.holder,
+                robot=lease.robot,
+                until=until,
+            )
+            if lease.priority == "person"
+            else sentence(
+                "{holder} controls {robot} until {until}; only stopping is open to everybody.",
+                holder=lease.holder,
+                robot=lease.robot,
+                until=until,
+            )
+        )
         raise Controlled(
-            f"{lease.holder} controls {lease.robot} until {until}{as_whom}; only stopping is open to everybody.",
+            said,
             holder=lease.holder,
             expires=until,
         ) from error
     except LeaseNotHeld as error:
-        raise Conflict("The control lease is not held any more; take it, and the motion can be tied to it.") from error
+        raise Conflict(
+            sentence("The control lease is not held any more; take it, and the motion can be tied to it.")
+        ) from error
     except KeyReused as error:
         raise KeyReusedError(
             "This Idempotency-Key was used for another request within a day; each request needs its own."
@@ -149,8 +178,12 @@ class MotionQuota:
 
     def limit_error(self, client: str) -> TooManyInvocations:
         return TooManyInvocations(
-            f"{client or 'The client'} has as many motions that have not ended as it may have, {self._limit}. "
-            "Wait until some have ended, cancel them, or move several joints by one motion."
+            sentence(
+                "{client} has as many motions that have not ended as it may have, {limit}. Wait until some have ended, "
+                "cancel them, or move several joints by one motion.",
+                client=client or sentence("The client"),
+                limit=self._limit,
+            )
         )
 
     @contextmanager

@@ -15,6 +15,7 @@ from linked_fleet_base.errors import (
     RedisUnavailable,
     Unauthenticated,
 )
+from linked_fleet_base.sentences import sentence
 from linked_fleet_gateway.http.arrival import Arrival, Authenticated, Scheme, arrival_of
 from linked_fleet_gateway.http.demands import refuse_demands
 from linked_fleet_gateway.http.forwarding import send_problem
@@ -140,7 +141,9 @@ def require_right(connection: Connection, path: str, scopes: Sequence[Right]) ->
     if is_public(path) or connection.caller.has_any_right(scopes, robot_of(path)):
         return
     wanted = " or ".join(scopes)
-    raise InsufficientScope(f"This takes the right to {wanted} here, which you do not have.", scope=scopes[0])
+    raise InsufficientScope(
+        sentence("This takes the right to {wanted} here, which you do not have.", wanted=wanted), scope=scopes[0]
+    )
 
 
 def require_subtree(connection: Connection, path: str, depth: Depth) -> None:

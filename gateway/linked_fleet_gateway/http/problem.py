@@ -38,7 +38,7 @@ def problem(
 ) -> tuple[bytes, dict[str, str]]:
     """Return body and header fields, including those of the error; ``html`` renders pages, if available.
 
-    ``reader`` returns the reader of a page.
+    ``reader`` returns the reader, in whose language pages and JSON are.
     """
     body, content_type = problem_body(error, accept, instance, html, reader)
     own = {name.lower(): value for name, value in error.headers.items()}
@@ -50,6 +50,8 @@ def problem(
             "vary": "Accept, Accept-Language, Cookie",
             "x-content-type-options": "nosniff",
         }
+    elif html is not None and reader is not None and content_type == PROBLEM_JSON:
+        headers |= {"content-language": html.language(reader()), "vary": "Accept, Accept-Language, Cookie"}
     return body, headers | own
 
 
@@ -76,7 +78,8 @@ def problem_body(
     offered = (PROBLEM_JSON, *RDF_TYPES, *(() if html is None else (HTML,)))
     media_type = choose(accept, offered, equivalent=(PROBLEM_JSON, "application/json")) or PROBLEM_JSON
     if media_type == PROBLEM_JSON:
-        return _json(error, instance), PROBLEM_JSON
+        words = html.words_of(error, reader()) if html is not None and reader is not None else None
+        return _json(error, instance, words or (error.title, error.detail)), PROBLEM_JSON
     if media_type == HTML and html is not None:
         page = html.write_problem(error, instance, _report(error.report) if error.report else [], reader and reader())
         return page, f"{media_type}; charset=utf-8"
@@ -84,12 +87,12 @@ def problem_body(
     return body, f"{media_type}; charset=utf-8" if media_type.startswith("text/") else media_type
 
 
-def _json(error: FleetError, instance: str | None) -> bytes:
+def _json(error: FleetError, instance: str | None, words: tuple[str, str]) -> bytes:
     members: dict[str, Any] = {
         "type": error.type,
-        "title": error.title,
+        "title": words[0],
         "status": error.status,
-        "detail": error.detail,
+        "detail": words[1],
     }
     members |= {"instance": instance} if instance else {}
     members |= error.members | error.added

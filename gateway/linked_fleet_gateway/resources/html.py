@@ -84,6 +84,9 @@ class HtmlWriter(Protocol):
         ``reader`` is None as long as nobody knows who asks.
         """
 
+    def words_of(self, error: FleetError, reader: Reader) -> tuple[str, str]:
+        """Return the title and the detail of an error in the language of ``reader``, else in English."""
+
     def language(self, reader: Reader) -> str:
         """Return the tag of the language in which ``reader`` gets pages."""
 

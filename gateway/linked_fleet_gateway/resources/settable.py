@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from pyoxigraph import Literal, NamedNode
+from pyoxigraph import BlankNode, Literal, NamedNode
 
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import PutSetting, PutTarget
-from linked_fleet_gateway.resources.annotations import annotate
+from linked_fleet_gateway.resources.annotations import agent_layer, annotate
 from linked_fleet_gateway.resources.body_values import Setting, robot_settings
 from linked_fleet_gateway.resources.description import DescriptionTemplate
 from linked_fleet_gateway.resources.joint_kinds import kind_of
@@ -16,7 +16,7 @@ from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.shape_parameters import ShapeScope, shape_completer
 from linked_fleet_rdf.graph import ANGULAR, UNITLESS, Graph, integer
-from linked_fleet_rdf.vocabulary import HYBRIT, LF, SH
+from linked_fleet_rdf.vocabulary import HYBRIT, LF, RDF, SH
 from linked_fleet_state.model import Joint
 from linked_fleet_state.robot import Robot
 
@@ -39,6 +39,13 @@ def setting_properties(robot: Robot) -> list[Property]:
     def annotations(graph: Graph, iri: NamedNode, _: Measurement) -> None:
         subject = iri.value.removesuffix("annotations")
         annotate(graph, NamedNode(subject), robot.annotations, subject)
+        said = agent_layer(robot.annotations, subject).get(NamedNode(subject), ())
+        for number, triple in enumerate(each for each in said if not isinstance(each.object, BlankNode)):
+            statement = NamedNode(f"{iri.value}#agent-{number}")
+            graph.add(iri, LF.agentStatement, statement)
+            graph.a(statement, RDF.Statement)
+            graph.add(statement, RDF.predicate, triple.predicate)
+            graph.add(statement, RDF.object, triple.object)  # type: ignore[arg-type]
 
     named = f"of {robot.name}"
     return [

@@ -1,6 +1,8 @@
 """The pages of boards: all of them, and one."""
 
+import re
 from pathlib import Path
+from urllib.parse import parse_qsl, urlencode
 
 from pyoxigraph import NamedNode
 
@@ -10,12 +12,20 @@ from linked_fleet_gateway.extensions.pages.api import Facts, PageView, Part
 from linked_fleet_gateway.extensions.pages.languages import message
 
 _TEMPLATES = Path(__file__).parent / "templates"
+_TIME = re.compile(r"[0-9]{4}-[0-9]{2}-[0-9]{2}T[0-9:.]{8,18}Z", re.ASCII)
 
 
 def boards(facts: Facts, iri: NamedNode) -> Part:
     members = facts.nodes(iri, LDP.contains)
     listed = sorted((facts.link(each) for each in members), key=lambda link: link.text.casefold())
-    return Part({"boards": listed}, {LDP.contains}, set(members))
+    return Part({"boards": listed, "window": _window(facts.query)}, {LDP.contains}, set(members))
+
+
+def _window(query: str) -> str:
+    """Return the query that hands the times of a timeline on to boards; empty without both."""
+    said = dict(parse_qsl(query[:1000], max_num_fields=20))
+    found = {name: said[name] for name in ("from", "until") if _TIME.fullmatch(said.get(name, ""))}
+    return "?" + urlencode(found) if len(found) == 2 else ""
 
 
 def board(facts: Facts, iri: NamedNode) -> Part:

@@ -19,7 +19,9 @@ from pathlib import Path
 from linked_fleet_gateway.api import cancel_tasks, supervised
 from linked_fleet_gateway.extensions.history.kept_values import KeptValues, size_in_file
 from linked_fleet_gateway.extensions.history.segment import (
+    PLACEMENTS,
     SUFFIX,
+    WORLD,
     DamagedSegmentError,
     Layout,
     Said,
@@ -131,7 +133,8 @@ class Archive:
     def forget(self, robot: str) -> None:
         """Remove all of a robot that was removed, with the next batch."""
         self._pending = deque(each for each in self._pending if each[0] != robot)
-        self._values = [each for each in self._values if each.robot != robot]
+        place = (WORLD, PLACEMENTS + robot)
+        self._values = [each for each in self._values if each.robot != robot and (each.robot, each.path) != place]
         self._forgotten[robot] = _FORGETS
 
     @asynccontextmanager
@@ -239,13 +242,14 @@ class Archive:
 
     def _lose_value(self, said: Said) -> None:
         self.lost += 1
-        self._tell(said.robot, "values of its components are lost: they take more bytes in an hour than there are")
+        self._tell(said.robot, "values of it are lost: they take more bytes in an hour than there are")
 
     def _tell(self, robot: str, what: str) -> None:
         """Log what is lost of a robot, once until the segment is over."""
         if robot not in self._told:
             self._told.add(robot)
-            log.warning("history of robot %s: %s", robot, what, extra={"robot": robot})
+            whose = f"robot {robot}" if robot != WORLD else "the world"
+            log.warning("history of %s: %s", whose, what, extra={"robot": robot})
 
     def _left(self, robot: str) -> list[tuple[Layout, bytes]]:
         """Return the gap after the last frame of a robot that a former process has written."""

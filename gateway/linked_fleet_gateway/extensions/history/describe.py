@@ -37,7 +37,8 @@ from linked_fleet_state.robot import Robot
 LF = CORE.extended(
     "History HistoryList HistoryListShape HistoryShape histories history historySpan samplingPeriod oldestSample "
     "newestSample sampleCount from to last limit every at diskSpan "
-    "ComponentHistory ComponentHistoryShape componentHistory"
+    "ComponentHistory ComponentHistoryShape componentHistory "
+    "PastWorld PastWorldShape pastWorld robotsNotDescribed shapeNotKept"
 )
 
 _READY = {"the last 10 s": "PT10S", "the last minute": "PT1M"}
@@ -139,6 +140,8 @@ def describe_robot(
     describe_disk(graph, iri, history)
     if history.archive is not None:
         graph.add(iri, LF.componentHistory, NamedNode(f"{iri.value}/values"))
+        if history.keeps_world:
+            graph.add(iri, LF.pastWorld, NamedNode(f"{iri.value}/world"))
     describe_extent(graph, iri, about[1])
     for title, span in _READY.items():
         _view(graph, iri, f"?last={span}&as=csv", f"{title}, joint states", CSV)

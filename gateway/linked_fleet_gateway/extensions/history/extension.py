@@ -33,11 +33,13 @@ from linked_fleet_gateway.extensions.history.component_values import watching_va
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.listing import HISTORIES, list_branch
 from linked_fleet_gateway.extensions.history.operations import operations
+from linked_fleet_gateway.extensions.history.past_world import RecordedWorld, read_world
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.resources import RecordedHistory, history_branches
 from linked_fleet_gateway.extensions.history.sending import paced
 from linked_fleet_gateway.extensions.history.span import parse_span
 from linked_fleet_gateway.extensions.history.values import RecordedValues, read_values
+from linked_fleet_gateway.extensions.history.world_watch import watching_world
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.serving import check_preconditions
 from linked_fleet_rdf.serialise import TEXT_TYPES
@@ -132,10 +134,13 @@ class HistoryExtension(Extension):
                 stack.enter_context(core.listening_to_descriptions(lambda robot: None, archive.forget))
             most = settings.mb * 10**6
             history = History(core.live.fleet, float(settings.s), float(settings.hz), most, archive, core.faults)
+            if archive is not None and world is not None:
+                await stack.enter_async_context(watching_world(core, world, archive))
+                history.keeps_world = True
             await stack.enter_async_context(history)
             yield Mount(
                 branches=(list_branch(history), *(history_branches(history, world) if settings.s else ())),
-                readers={RecordedHistory: read_history, RecordedValues: read_values},
+                readers={RecordedHistory: read_history, RecordedValues: read_values, RecordedWorld: read_world},
                 formats={"csv": ("CSV", "text/csv"), "mcap": ("MCAP", "application/vnd.mcap")},
                 services=(history,),
                 metrics=lambda: _metrics(history),

@@ -7,7 +7,7 @@ a part of it, so that a talkative component does not cost the history of other r
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 
-from linked_fleet_gateway.extensions.history.segment import EVENT, HELD, UNKNOWN, VALUE, Said
+from linked_fleet_gateway.extensions.history.segment import EVENT, HELD, PLACEMENTS, UNKNOWN, VALUE, WORLD, Said
 
 SHARE = 512
 """The values of a robot take at most this part of all that may be kept in a segment."""
@@ -55,6 +55,7 @@ class KeptValues:
 
     def forget(self, robot: str) -> None:
         self._held.pop(robot, None)
+        self._held.get(WORLD, {}).pop(PLACEMENTS + robot, None)
 
     def _hold(self, values: Iterable[Said]) -> None:
         for each in values:

@@ -3,6 +3,7 @@
 from linked_fleet_gateway.api import RequestView, robot_path
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.history.listing import HISTORIES
+from linked_fleet_gateway.extensions.history.past_world import SEGMENT as PAST_WORLD
 from linked_fleet_gateway.extensions.history.resources import SEGMENT, measured_paths
 from linked_fleet_gateway.extensions.history.values import VALUES
 from linked_fleet_gateway.extensions.openapi.api import (
@@ -47,6 +48,10 @@ def operations(view: RequestView) -> dict[str, Json]:
         what = "What components of a robot said"
         values = rdf_get_operation("readComponentHistory", what, None, {"csv": CSV}, [*_SPACED, _OF])
         found |= resource_path_items(f"/{{robot}}/{SEGMENT}/{VALUES}", of, "ComponentHistory", what, values)
+        what = "The world around a robot as it was"
+        instant = [parameter("at", "query", _TIME, "The instant; the present without it.")]
+        world = rdf_get_operation("readPastWorld", what, None, {}, instant)
+        found |= resource_path_items(f"/{{robot}}/{SEGMENT}/{PAST_WORLD}", of, "PastWorld", what, world)
     if own:
         get = rdf_get_operation("readOwnHistory", "Recent values of a property of a robot", None, {"csv": CSV}, _SPACED)
         template, parameters = (

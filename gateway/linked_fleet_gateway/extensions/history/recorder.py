@@ -54,6 +54,8 @@ class History:
     ) -> None:
         self.span_s, self.rate_hz, self.most_bytes = span_s, rate_hz, most_bytes
         self.archive = archive
+        self.keeps_world = False
+        """True if where robots stood, and what objects there were, is kept on disk too."""
         self.ahead: dict[str, int] = {}
         """The number of frames that were not recorded, by robot: its clock is ahead of that of the gateway."""
         self._refused: dict[str, bytes] = {}

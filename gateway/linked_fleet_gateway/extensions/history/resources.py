@@ -33,6 +33,8 @@ from linked_fleet_gateway.extensions.history.describe import (
 )
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP, recording, table
 from linked_fleet_gateway.extensions.history.ground import ground_of
+from linked_fleet_gateway.extensions.history.past_world import SEGMENT as PAST_WORLD
+from linked_fleet_gateway.extensions.history.past_world import world_of
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.shelf import MOST_BYTES
 from linked_fleet_gateway.extensions.history.span import Span
@@ -102,6 +104,8 @@ def history_branches(history: History, world: World | None) -> tuple[RobotBranch
             return blueprint_of(found, view.base, (LF.HistoryShape,))
         if rest[:1] == [VALUES] and history.archive is not None:
             return values_of(history, view, robot, rest[1:])
+        if rest[:1] == [PAST_WORLD] and history.keeps_world and world is not None:
+            return world_of(history, world, view, robot, rest[1:])
         return None if rest else found
 
     def of_property(view: RequestView, robot: Robot, owner: str, item: Property, rest: list[str]) -> Found:
@@ -116,7 +120,8 @@ def history_branches(history: History, world: World | None) -> tuple[RobotBranch
 
 def _of_robot(history: History, world: World | None, view: RequestView, robot: Robot) -> Resource:
     path, title = robot_path(robot.name) + SEGMENT, f"History of {robot.name}"
-    own, source = (path + "/blueprint", *((f"{path}/{VALUES}",) if history.archive else ())), Source(robot=robot)
+    parts = (*((VALUES,) if history.archive else ()), *((PAST_WORLD,) if history.keeps_world else ()))
+    own, source = tuple(f"{path}/{each}" for each in ("blueprint", *parts)), Source(robot=robot)
 
     def shown(span: Span) -> HistoryPage:
         track, description = history.track(robot), robot.description

@@ -29,6 +29,10 @@ VALUE, EVENT, HELD = "value", "event", "held"
 """Kinds of what is said. A held value was known when its segment began, and has the time when it was said."""
 UNKNOWN = "null"
 """The JSON of a value of which nothing is known."""
+WORLD = ""
+"""The robot of values that are of no robot, but of the world."""
+PLACEMENTS = "placements/"
+"""The path of values of the world that say where robots stood, before their names."""
 _VALUES = "SELECT path, kind, said,"
 _SCHEMA = f"""
 PRAGMA application_id = {APPLICATION_ID};
@@ -217,6 +221,7 @@ def _forget(database: sqlite3.Connection, robot: str) -> None:
             database.execute(f"DELETE FROM {table} WHERE layout IN (SELECT id FROM layout WHERE robot = ?)", (robot,))  # noqa: S608
         for table in ("layout", "value"):
             database.execute(f"DELETE FROM {table} WHERE robot = ?", (robot,))  # noqa: S608
+        database.execute("DELETE FROM value WHERE robot = ? AND path = ?", (WORLD, PLACEMENTS + robot))
         database.execute("COMMIT")
     except BaseException:
         if database.in_transaction:

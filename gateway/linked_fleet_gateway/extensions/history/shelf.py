@@ -14,6 +14,7 @@ from typing import TypeVar
 
 from linked_fleet_gateway.extensions.history.segment import (
     SUFFIX,
+    WORLD,
     DamagedSegmentError,
     Layout,
     Range,
@@ -256,6 +257,21 @@ class Shelf:
         ]
         for file in around:
             for each in self._with(file, lambda reader: reader.last_values(robot, stamp_ns)) or []:
+                if each.path not in found or found[each.path].stamp_ns <= each.stamp_ns:
+                    found[each.path] = each
+        return found
+
+    def world_at(self, stamp_ns: int) -> dict[str, Said]:
+        """Return what was known of the world at a time, by path; empty if nothing was written then.
+
+        Those segments are read in which any robot was heard around that time.
+        """
+        found: dict[str, Said] = {}
+        for file in self._known():
+            ranges = self._ranges(file).values()
+            if not any(low - _AROUND_NS <= stamp_ns <= high + _AROUND_NS for low, high in ranges):
+                continue
+            for each in self._with(file, lambda reader: reader.last_values(WORLD, stamp_ns)) or []:
                 if each.path not in found or found[each.path].stamp_ns <= each.stamp_ns:
                     found[each.path] = each
         return found

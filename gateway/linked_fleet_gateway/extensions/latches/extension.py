@@ -12,6 +12,7 @@ from pathlib import Path
 from msgspec.structs import replace
 
 from linked_fleet_base.errors import InsufficientScope, MotionRefused
+from linked_fleet_base.sentences import sentence
 from linked_fleet_gateway.api import (
     Conflict,
     Container,
@@ -133,14 +134,15 @@ class _Guard:
         if (found := self._latches.of(robot.name)) is None:
             return
         id, latch = found
-        what = robot.name if latch.robot else "the fleet"
-        why = f" ({latch.reason})" if latch.reason else ""
-        when = f" at {timestamp(latch.since_ns).value}" if latch.since_ns else ""
-        detail = (
-            f"{latch.by or 'Somebody'} stopped {what}{when}{why}, and the stop holds. "
-            f"Who may reset it deletes /{SEGMENT}/{id}."
+        detail = sentence(
+            "{who} stopped {what}{when}{why}, and the stop holds. Who may reset it deletes {latch}.",
+            who=latch.by or sentence("Somebody"),
+            what=robot.name if latch.robot else sentence("the fleet"),
+            when=sentence(" at {time}", time=timestamp(latch.since_ns).value) if latch.since_ns else "",
+            why=f" ({latch.reason})" if latch.reason else "",
+            latch=f"/{SEGMENT}/{id}",
         )
-        raise StopLatched(detail, reason=f"the stop of {what} holds")
+        raise StopLatched(detail, reason=f"the stop of {robot.name if latch.robot else 'the fleet'} holds")
 
 
 class LatchesExtension(Extension):

@@ -43,6 +43,9 @@ class Pages:
     ) -> bytes:
         return page.write_problem(error, instance, report, reader)
 
+    def words_of(self, error: FleetError, reader: Reader) -> tuple[str, str]:
+        return page.words_of(error, reader)
+
     def language(self, reader: Reader) -> str:
         return chosen_language(reader.languages)
 

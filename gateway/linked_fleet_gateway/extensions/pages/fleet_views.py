@@ -38,6 +38,8 @@ _LINK_HINTS = {
 _TROUBLE, _DESCENDING = "trouble", "descending"
 ROWS = 200
 """Rows on one page of the table: as many as a browser lays out at once without being felt."""
+CARDS = 100
+"""Cards on one page, each of which is as much work as several rows."""
 _FILTERS = ("text", "presence", "kind", "tag")
 _ASKED = ("view", "sort", "order", *_FILTERS, "page")
 """The parameters of an address, in this order."""
@@ -142,7 +144,7 @@ class Head:
 
 @dataclass(frozen=True)
 class Rows:
-    """The robots on one page of the table, of ``count`` that fit; ``former`` and ``following`` are addresses."""
+    """The robots on one page, of ``count`` that fit; ``former`` and ``following`` are addresses."""
 
     robots: Sequence[RobotCard]
     begin: int
@@ -176,15 +178,19 @@ class Choice:
         found = {name: said[name] for name in _ASKED if said.get(name)}
         return "/?" + urlencode(found) if found else "/"
 
+    def paged(self, count: int) -> bool:
+        """Return True if the gateway filters and pages so many robots. Fewer cards are all on one page."""
+        return self.table or count > CARDS
+
     def rows(self, robots: Sequence[RobotCard]) -> "Rows":
-        """Return the page of the table that is asked for, the last one if there are fewer."""
-        fitting = [each for each in robots if not each.hidden]
-        pages = max(1, -(-len(fitting) // ROWS))
+        """Return the page that is asked for, the last one if there are fewer."""
+        fitting, size = [each for each in robots if not each.hidden], ROWS if self.table else CARDS
+        pages = max(1, -(-len(fitting) // size))
         page = min(max(1, int(self.values.get("page", "1"))), pages)
-        begin = (page - 1) * ROWS
+        begin = (page - 1) * size
         former = self.with_(page=str(page - 1)) if page > 1 else ""
         following = self.with_(page=str(page + 1)) if page < pages else ""
-        return Rows(fitting[begin : begin + ROWS], begin, len(fitting), former, following)
+        return Rows(fitting[begin : begin + size], begin, len(fitting), former, following)
 
     def heads(self) -> list[Head]:
         return [self._head(each) for each in _COLUMNS]
@@ -242,7 +248,8 @@ def fleet(facts: Facts, iri: NamedNode) -> Part:
     robots = choice.sorted([_card(facts, each, choice.values) for each in members])
     more = {
         "robots": robots,
-        "rows": choice.rows(robots) if choice.table else None,
+        "paged": choice.paged(len(robots)),
+        "rows": choice.rows(robots),
         "shown": sum(not each.hidden for each in robots),
         "counts": _counts(robots),
         "kinds": sorted({each.model for each in robots if each.model}),

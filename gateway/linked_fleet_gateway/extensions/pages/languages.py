@@ -17,6 +17,7 @@ from urllib.parse import quote
 from markupsafe import Markup, escape
 
 from linked_fleet_base.contributions import present
+from linked_fleet_base.sentences import Sentence, fill
 
 ENGLISH = "en"
 MARKED = "en-XA"
@@ -147,6 +148,17 @@ def known(text: str) -> str:
     if spoken == MARKED:
         return _MARKS.format(text) if any(text in each for each in _catalogues().values()) else text
     return _catalogues().get(spoken, {}).get(text) or text
+
+
+def spoken(text: str) -> str:
+    """Return a sentence, and the sentences in it, in the language of the page; another text as it is known there."""
+    if not isinstance(text, Sentence):
+        return known(text)
+    return fill(translated(text.message), {name: _spoken_value(each) for name, each in text.values.items()})
+
+
+def _spoken_value(value: object) -> object:
+    return spoken(value) if isinstance(value, Sentence) else value
 
 
 def said_in_template(message: str, values: list[object]) -> Markup:

@@ -57,7 +57,7 @@ def write_problem(
         return render(
             "problem.html",
             error=error,
-            detail=texts.readable_title(error.detail, root) if root else error.detail,
+            detail=texts.readable_title(_detail_of(error), root) if root else _detail_of(error),
             instance=instance,
             here=address and urlunsplit(("", "", *address[2:])),
             root=root,
@@ -66,6 +66,19 @@ def write_problem(
             members={name: value for name, value in error.members.items() if value},
             report=report,
         )
+
+
+def _detail_of(error: FleetError) -> str:
+    """Return the detail in the language that is spoken; what was added to it later is in English with the rest."""
+    return languages.spoken(error.sentence if error.sentence == error.detail else error.detail)
+
+
+def words_of(error: FleetError, reader: Reader) -> tuple[str, str]:
+    """Return the title and the detail of an error in the language of the reader."""
+    if not reader.languages:
+        return error.title, error.detail
+    with languages.speaking(reader.languages):
+        return languages.known(error.title), _detail_of(error)
 
 
 def render(template: str, **variables: object) -> bytes:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from pyoxigraph import BlankNode, Literal, NamedNode
+from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import robot_panel, texts
@@ -357,26 +357,34 @@ def property_(facts: Facts, iri: NamedNode) -> Part:
 
 @dataclass(frozen=True)
 class Annotation:
-    """A statement about a robot; ``statement`` is it in N-Triples, empty if it leads to others."""
+    """A statement about a robot; ``statement`` is it in N-Triples, empty if it leads to others.
+
+    ``of_agent``: the robot says it itself, and only its agent can take it back.
+    """
 
     row: Row
     statement: str
+    of_agent: bool
 
 
 def annotations(facts: Facts, iri: NamedNode) -> Part:
     """Return the statements about the robot, each by itself, and what a form offers to say of it."""
     robot = NamedNode(iri.value.removesuffix("annotations"))
+    agents = {
+        (facts.one(each, RDF.predicate), facts.one(each, RDF.object)) for each in facts.all(iri, LF.agentStatement)
+    }
     said = [
         Annotation(
             Row(facts.term(predicate), [facts.value(each, predicate, None)]),
-            f"{robot} {predicate} {each} ." if isinstance(each, NamedNode | Literal) else "",
+            "" if isinstance(each, BlankNode) else f"{robot} {predicate} {each} .",
+            (predicate, each) in agents,
         )
         for predicate in facts.of.get(robot, {})
         for each in facts.all(robot, predicate)
     ]
     offered = [(each.value, translated(label)) for each, label in _ANNOTATIONS.items()]
     more = {"presence": presence(facts, iri), "annotations": said, "offered": offered, "robot": robot.value}
-    return Part(more, {*PRESENCE, *AROUND}, {robot})
+    return Part(more, {*PRESENCE, *AROUND, LF.agentStatement}, {robot})
 
 
 _SCHEMA = "https://schema.org/"

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 
+from linked_fleet_base.sentences import sentence
 from linked_fleet_gateway.api import link_path
 from linked_fleet_gateway.extensions.world.collisions import Collides, UncheckedLinks
 from linked_fleet_gateway.extensions.world.descriptions import object_path
@@ -50,19 +51,23 @@ class Refusals:
     def collision(self, robot: Robot, model: RobotModel, met: CollisionFound) -> Collides:
         """Return the collision of a robot that had this model when it was checked."""
         link, other = link_path(robot.name, model, met.link), None
-        mover, of_robot = met.link, f"{met.link} of {robot.name}"
+        of_robot: str
+        what: str
+        kind: str
+        mover, of_robot = met.link, sentence("{link} of {robot}", link=met.link, robot=robot.name)
         if met.held:
             mover, of_robot, link = self._held(met.held, met.link, robot.name, link)
         if met.kind == "self":
-            what, other = f"its own {met.other}", link_path(robot.name, model, met.other)
+            what, other = sentence("its own {link}", link=met.other), link_path(robot.name, model, met.other)
             kind = what
             if met.other_held:
                 kind, what, other = self._held(met.other_held, met.other, robot.name, other)
         elif met.kind == "robot":
-            there, kind = self._robots.get(met.name), "another robot"
+            there, kind = self._robots.get(met.name), sentence("another robot")
             what = kind
             if there is not None and there.model is not None:
-                what, other = f"{met.other} of {met.name}", link_path(met.name, there.model, met.other)
+                what = sentence("{link} of {robot}", link=met.other, robot=met.name)
+                other = link_path(met.name, there.model, met.other)
                 if met.other_held:
                     _, what, other = self._held(met.other_held, met.other, met.name, other)
         elif met.kind == "map":
@@ -70,15 +75,26 @@ class Refusals:
             what = self._map
         else:
             thing = self._objects.get(met.name)
-            kind = "a keep-out zone" if thing is not None and thing.kind == "zone" else "an obstacle"
-            what = kind if thing is None else f"{thing.title} ({kind.partition(' ')[2]})"
+            is_zone = thing is not None and thing.kind == "zone"
+            kind = sentence("a keep-out zone") if is_zone else sentence("an obstacle")
+            if thing is None:
+                what = kind
+            elif is_zone:
+                what = sentence("{title} (keep-out zone)", title=thing.title)
+            else:
+                what = sentence("{title} (obstacle)", title=thing.title)
             other = object_path(met.name)
         said = f"an occupied place of {what}{_at(met)}" if met.kind == "map" else what
         after = f"after {100 * met.share:.0f} % of the way"
         return Collides(
-            f"{of_robot}{',' if met.held else ''} would meet {said}{',' if met.other_held else ''} {after}.",
+            sentence(
+                "{mover} would meet {other} after {percent} % of the way.",
+                mover=of_robot if not met.held else f"{of_robot},",
+                other=said if not met.other_held else f"{said},",
+                percent=f"{100 * met.share:.0f}",
+            ),
             things=[link, *([] if other is None else [other])],
-            names=[of_robot, *([] if other is None else [what])],
+            names=[str(of_robot), *([] if other is None else [str(what)])],
             share=met.share,
             point=None if other is None else met.point,  # a robot that the caller may not see has no place either
             reason=f"{mover} would meet {kind} {after}",

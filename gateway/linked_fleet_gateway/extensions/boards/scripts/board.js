@@ -2,6 +2,7 @@
 
 import uPlot from "uplot";
 
+import { now as presentMs } from "../../pages/scripts/src/gateway_clock.js";
 import { isCurrent, onCurrency } from "../../pages/scripts/src/agent_clock.js";
 import { number } from "../../pages/scripts/src/format.js";
 import { key } from "../../pages/scripts/src/ntriples.js";
@@ -20,6 +21,9 @@ const SPOKEN_MS = 2000;
 const AGAIN_S = LIVE_S * 0.8; // live values cover what is newer than the history that was fetched
 const MISSING = 3 / 500; // of a span without samples: there was none
 const AHEAD_S = 1;
+const BEHIND_S = 3; // the times of a robot and of the gateway are compared as exactly
+const NOTED = 10; // frames of which the one that took the least time tells how far a clock differs
+const STEPS = 1000; // of the slider
 const STEP_S = 0.001; // times of a line differ, or two lines could not be in one table
 const CLOSER = 0.5;
 const DASHES = [[], [6, 4], [2, 3]];
@@ -41,13 +45,21 @@ class Board {
     this.charts = new Map();
     const span = /** @type {HTMLSelectElement} */ (section.querySelector("select[name=span]"));
     this.span = Number(span.value);
+    /** @type {[number, number] | undefined} the times of the address, such as those of a timeline, which is followed no further */
+    this.fixed = given();
+    this.zoom = this.fixed;
     span.addEventListener("change", () => {
       this.span = Number(span.value);
-      this.look(undefined);
-      for (const line of this.lines.values()) line.reach(this.span);
+      this.leave();
     });
+    this.timeline = /** @type {HTMLAnchorElement | null} */ (section.querySelector("a[data-timeline]"));
+    this.slider = /** @type {HTMLInputElement} */ (section.querySelector("input[data-scrub]"));
+    this.told = /** @type {HTMLOutputElement} */ (section.querySelector("output.board-time"));
+    this.slider.max = this.slider.value = String(STEPS);
+    this.slider.addEventListener("input", () => this.scrub(this.slider.valueAsNumber / STEPS));
     this.follow = /** @type {HTMLButtonElement} */ (section.querySelector("button[data-follow]"));
-    this.follow.addEventListener("click", () => this.look(undefined));
+    this.follow.hidden = !this.fixed;
+    this.follow.addEventListener("click", () => this.leave());
     for (const [name, share] of [["closer", CLOSER], ["wider", 1 / CLOSER]]) section.querySelector(`button[data-${name}]`)?.addEventListener("click", () => this.widen(Number(share)));
     adopt(() => this.collect());
     let current = isCurrent();
@@ -95,9 +107,40 @@ class Board {
   }
 
   look(/** @type {[number, number] | undefined} */ zoom) {
-    this.zoom = zoom;
-    this.follow.hidden = !zoom;
+    this.zoom = zoom ?? this.fixed;
+    this.follow.hidden = !this.zoom;
     this.draw();
+  }
+
+  /** Follow what is measured now. */
+  leave() {
+    if (this.fixed) history.replaceState(history.state, "", location.pathname);
+    this.fixed = undefined;
+    this.slider.value = String(STEPS);
+    this.scrub(1);
+    this.look(undefined);
+    for (const line of this.lines.values()) line.reach(this.span);
+  }
+
+  /** Show what was measured at a time of all charts; at their end, what is measured last. */
+  scrub(/** @type {number} */ share) {
+    const [min, max] = this.window();
+    const time = min + share * (max - min);
+    this.at = share < 1 ? time : undefined;
+    for (const chart of this.charts.values()) chart.point(this.at);
+    const text = this.at === undefined ? "" : new Date(time * 1000).toISOString().replace("T", " ").slice(0, 19) + " UTC";
+    this.told.textContent = text;
+    this.slider.setAttribute("aria-valuetext", text || say("the end"));
+    this.lead(min, max);
+  }
+
+  /** Lead to the same time on the timeline. */
+  lead(/** @type {number} */ min, /** @type {number} */ max) {
+    if (!this.timeline || !Number.isFinite(min)) return;
+    const instant = (/** @type {number} */ seconds) => new Date(seconds * 1000).toISOString();
+    const end = Math.max(max, min + 1);
+    this.timeline.search = new URLSearchParams({ from: instant(min), until: instant(end) }).toString();
+    this.timeline.hash = this.at === undefined ? "" : `at=${instant(this.at)}`;
   }
 
   /** Look at a part or a multiple of the time that is shown, up to its end. */
@@ -117,6 +160,7 @@ class Board {
 
   draw() {
     const [min, max] = this.window();
+    this.lead(min, max);
     const isLive = isCurrent() && [...this.lines.values()].some((each) => each.now !== undefined);
     const ending = this.zoom ? new Date(max * 1000).toLocaleTimeString(document.documentElement.lang) : isLive ? say("now") : say("last");
     for (const chart of this.charts.values()) chart.draw(min, max, ending);
@@ -140,11 +184,16 @@ class Line {
     /** @type {Data} what the history has of more than the last minutes */
     this.far = [[], []];
     this.offline = false;
+    /** @type {number[]} how far the clock of the robot was ahead at the latest frames */
+    this.apart = [];
     const robot = new URL(`/${new URL(iri).pathname.split("/")[1]}/`, iri).href;
     const gone = () => this.meet(true);
     this.ends = [
       watch(iri, { isAside: true, onGone: gone }, (graph) => this.take(graph)),
-      watch(robot, { isAside: true, onGone: gone, depth: "this", interval: 0.5 }, (graph) => this.meet(graph.value(robot, lf("presence"))?.value === lf("offline"))),
+      watch(robot, { isAside: true, onGone: gone, depth: "this", interval: 0.5 }, (graph) => {
+        this.meet(graph.value(robot, lf("presence"))?.value === lf("offline"));
+        this.compare(graph.value(robot, lf("lastFrame"))?.value);
+      }),
     ];
     this.reach(board.span);
   }
@@ -177,6 +226,10 @@ class Line {
   /** Fetch what the history has of more than the last minutes, and again before live values do not reach so far back. */
   async reach(/** @type {number} */ spanS) {
     clearTimeout(this.timer);
+    if (this.board.fixed) {
+      this.reachTo(this.board.fixed);
+      return;
+    }
     if (spanS !== this.reached) this.far = [[], []];
     this.reached = spanS;
     if (spanS <= LIVE_S || this.ended) return;
@@ -193,24 +246,60 @@ class Line {
     }
   }
 
-  /** How far the agent's clock is ahead of that of this page, in seconds; otherwise its values would be in the future. */
+  /** Fetch what the history has of the times of the board, by the clock of the robot. */
+  async reachTo(/** @type {[number, number]} */ [begin, end]) {
+    this.reached = undefined;
+    try {
+      const found = await past(this.iri, end - begin, end + this.ahead);
+      if (!found || !this.board.fixed) return;
+      const { times, columns } = broken(found.table, MISSING * (end - begin));
+      this.far = [times, columns[0] ?? []];
+      this.board.draw();
+    } catch (error) {
+      console.debug("there is no past to be drawn:", error);
+    }
+  }
+
+  /** Compare the clock of the robot with that of the gateway, to which its latest frame has come right now. */
+  compare(/** @type {string | undefined} */ frame) {
+    const time = Date.parse(frame ?? "");
+    if (Number.isNaN(time) || time === this.lastFrame) return;
+    this.lastFrame = time;
+    this.apart = [...this.apart, (time - presentMs()) / 1000].slice(-NOTED);
+    const { ahead } = this;
+    this.tellClock(ahead);
+    if (this.board.fixed && Math.abs(ahead - (this.compared ?? 0)) > AHEAD_S) this.reachTo(this.board.fixed);
+    this.compared = ahead;
+  }
+
+  /** Say that the clock of the robot differs, and that its values are drawn at the times of the gateway. */
+  tellClock(/** @type {number} */ ahead) {
+    const place = /** @type {HTMLElement | null | undefined} */ (this.row?.querySelector("[data-clock]"));
+    if (!place) return;
+    const seconds = Math.round(Math.abs(ahead));
+    const text = !ahead ? "" : ahead > 0 ? say("its clock is {seconds} s ahead; drawn by the clock of the gateway", { seconds }) : say("its clock is {seconds} s behind; drawn by the clock of the gateway", { seconds });
+    if (place.textContent !== text) place.textContent = text;
+  }
+
+  /** How far the agent's clock is ahead of that of the gateway, in seconds; 0 if they agree as far as one knows. */
   get ahead() {
-    const ahead = (this.series?.clock.ahead ?? -Infinity) - (Date.now() - performance.now()) / 1000;
-    return ahead > AHEAD_S ? ahead : 0;
+    const ahead = (this.series?.clock.ahead ?? -Infinity) - (presentMs() - performance.now()) / 1000;
+    const apart = Math.max(...this.apart);
+    return ahead > AHEAD_S ? ahead : Number.isFinite(apart) && apart < -BEHIND_S ? apart : 0;
   }
 
   /** @returns {Data} */
   data() {
     /** @type {Data} */
     const near = !this.series ? [[], []] : this.offline ? [this.series.times, this.series.values] : /** @type {Data} */ (this.series.known());
-    const [times, values] = this.board.span > LIVE_S ? joined(this.far, near) : near;
+    const [times, values] = this.board.fixed ? this.far : this.board.span > LIVE_S ? joined(this.far, near) : near;
     const { ahead } = this;
     return ahead ? [times.map((time) => time - ahead), values] : [times, values];
   }
 
   /** The present; undefined while the robot is away. */
   get now() {
-    return this.offline || !isCurrent() || this.series?.clock.now === undefined ? undefined : Date.now() / 1000;
+    return this.offline || !isCurrent() || this.series?.clock.now === undefined ? undefined : presentMs() / 1000;
   }
 
   get newest() {
@@ -330,6 +419,15 @@ class Chart {
     this.figure.dataset.points = String(this.chart.data[0].length);
   }
 
+  /** Show what was measured at a time; without one, what is measured last. */
+  point(/** @type {number | undefined} */ time) {
+    const index = time === undefined ? -1 : this.chart.data[0].findLastIndex((each) => each <= time);
+    this.read(index < 0 ? undefined : index);
+    const left = time === undefined ? -10 : this.chart.valToPos(time, "x");
+    this.chart.setCursor({ left, top: 0 }, false);
+    if (time === undefined) this.pointed = false;
+  }
+
   /** Show what was measured under the pointer; without a pointer, what is measured now. */
   read(/** @type {number | null | undefined} */ index) {
     this.pointed = index !== null && index !== undefined;
@@ -360,6 +458,13 @@ function within(/** @type {Data} */ [times, values], /** @type {number} */ min) 
   let last = -Infinity;
   const ascending = times.slice(first).map((time) => (last = Math.max(time, last + STEP_S)));
   return [ascending, values.slice(first)];
+}
+
+/** Return the times that the address asks for, as that of a timeline does. @returns {[number, number] | undefined} */
+function given() {
+  const said = new URLSearchParams(location.search);
+  const [from, until] = ["from", "until"].map((name) => Date.parse(said.get(name) ?? "") / 1000);
+  return from < until ? [from, Math.min(until, presentMs() / 1000)] : undefined;
 }
 
 /** Return the value at a time: points of other lines between two points of a line have none of their own. */

@@ -5,7 +5,7 @@ import { notice } from "../../pages/scripts/src/notice.js";
 import { provide } from "../../pages/scripts/src/past.js";
 
 export function start() {
-  provide(async (iri, spanS) => (await import("./past.js")).recorded(iri, spanS));
+  provide(async (iri, spanS, untilS) => (await import("./past.js")).recorded(iri, spanS, untilS));
   /** @type {NodeListOf<HTMLElement>} */
   const replays = document.querySelectorAll("section[data-replay]");
   if (replays.length) {

@@ -8,21 +8,21 @@ const HEAD = /^(.*) \(([^()]*)\)$/;
 
 /** @typedef {import("../../pages/scripts/src/past.js").Table} Table */
 
-/** @returns {Promise<import("../../pages/scripts/src/past.js").Past|undefined>} the latest part of the history of a property */
-export async function recorded(iri, spanS) {
+/** @returns {Promise<import("../../pages/scripts/src/past.js").Past|undefined>} a part of the history of a property, the latest without its end */
+export async function recorded(iri, spanS, untilS = undefined) {
   const history = await historyOf(iri);
-  return history ? { iri: history, table: await fetchPast(history, spanS) } : said(iri, spanS);
+  return history ? { iri: history, table: await fetchPast(history, spanS, untilS) } : said(iri, spanS, untilS);
 }
 
 /** Return what a component said: its values are told when they change, and held until then. */
-async function said(iri, spanS) {
+async function said(iri, spanS, untilS) {
   const { origin, pathname } = new URL(iri);
   const [, robot, ...below] = pathname.split("/");
   const record = `${origin}/${robot}/history/values`;
   const of = `of=${encodeURIComponent(below.map(decodeURIComponent).join("/"))}`;
-  const after = await fetchSaid(`${record}?${of}&${latest(spanS)}`);
+  const after = await fetchSaid(`${record}?${of}&${part(spanS, untilS)}`);
   if (!after) return undefined;
-  const begin = new Date(after.askedMs - spanS * 1000).toISOString();
+  const begin = new Date((untilS === undefined ? after.askedMs : untilS * 1000) - spanS * 1000).toISOString();
   const before = await fetchSaid(`${record}?${of}&at=${encodeURIComponent(begin)}`);
   const all = [...(before?.rows ?? []).map(([, value]) => [Date.parse(begin) / 1000, value]), ...after.rows];
   if (!all.length) return undefined;
@@ -54,9 +54,11 @@ async function* pagesOf(/** @type {string | undefined} */ next) {
   }
 }
 
-/** Return the selection of the latest part, with no more points than a plot shows. */
-function latest(/** @type {number} */ spanS) {
-  return `last=PT${spanS}S&every=PT${Math.max(EVERY_S, spanS / MOST_POINTS)}S`;
+/** Return the selection of a part, the latest one without its end, with no more points than a plot shows. */
+function part(/** @type {number} */ spanS, /** @type {number | undefined} */ untilS) {
+  const instant = (/** @type {number} */ seconds) => encodeURIComponent(new Date(seconds * 1000).toISOString());
+  const span = untilS === undefined ? `last=PT${Math.ceil(spanS)}S` : `from=${instant(untilS - spanS)}&to=${instant(untilS)}`;
+  return `${span}&every=PT${Math.max(EVERY_S, spanS / MOST_POINTS).toFixed(3)}S`;
 }
 
 /** @returns {Promise<string|undefined>} where the history of a measured property is, if it is remembered */
@@ -66,15 +68,16 @@ async function historyOf(iri) {
 }
 
 /**
- * Return the latest part of a history.
+ * Return a part of a history, the latest one without its end.
  *
  * @param {string} iri of the history
  * @param {number} spanS
+ * @param {number} [untilS]
  * @returns {Promise<Table>}
  */
-export async function fetchPast(iri, spanS) {
+export async function fetchPast(iri, spanS, untilS) {
   const table = { names: [], times: [], columns: [] };
-  for await (const { text } of pagesOf(`${iri}?${latest(spanS)}`)) read(text, table);
+  for await (const { text } of pagesOf(`${iri}?${part(spanS, untilS)}`)) read(text, table);
   return table;
 }
 

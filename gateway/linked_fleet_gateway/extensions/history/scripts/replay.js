@@ -101,6 +101,7 @@ class Then {
     this.article = article;
     this.scene = article.querySelector(".scene");
     this.says = article.querySelector(".replay-says");
+    this.tells = article.querySelector(".replay-around");
     this.table = article.querySelector(".scroll");
     this.values = article.querySelector(".replay-values");
     this.ready = this.find();
@@ -123,6 +124,10 @@ class Then {
       const { show } = await import("../../pages/scripts/src/scene.js");
       show(this.scene);
       this.scene.scene.past(this.shown);
+      if (!history) return;
+      const { Surroundings } = await import("./surroundings.js");
+      this.around = new Surroundings(robot, history, this.scene.scene);
+      this.scene.addEventListener("drawn", () => this.show(this.time, false), { once: true });
     });
   }
 
@@ -140,6 +145,7 @@ class Then {
 
   /** Show an instant; of several that are asked for while one is fetched, the last. */
   async show(time, playing) {
+    this.time = time;
     this.wanted = { time, playing };
     if (this.busy) return;
     this.busy = true;
@@ -148,8 +154,9 @@ class Then {
       while (this.wanted) {
         const { time: next, playing: goesOn } = this.wanted;
         this.wanted = undefined;
-        const [then, values] = await Promise.all([this.moments.at(next), this.moments.valuesAt(next)]);
+        const [then, values, around] = await Promise.all([this.moments.at(next), this.moments.valuesAt(next), this.surroundings(next)]);
         this.draw(next, then, values);
+        this.told(then ? around() : "");
         if (goesOn && !this.moments.isWhole) this.moments.part(next + AHEAD_S).catch(() => {});
       }
     } catch (error) {
@@ -157,6 +164,17 @@ class Then {
     } finally {
       this.busy = false;
     }
+  }
+
+  /** Return a function that draws what stood around it at a time, and says what is not drawn. */
+  async surroundings(time) {
+    if (this.scene.dataset.phase !== "ready" || !this.around) return () => "";
+    return this.around.at(time).catch((error) => () => say("What stood around it cannot be shown: {message}", { message: error.message }));
+  }
+
+  told(text) {
+    if (this.around) this.around.visible &&= Boolean(text);
+    if (this.tells.textContent !== text) this.tells.textContent = text;
   }
 
   draw(time, then, values) {

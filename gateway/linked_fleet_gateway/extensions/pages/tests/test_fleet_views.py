@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from linked_fleet_gateway.extensions.pages.fleet_views import ROWS, RobotCard, read_choice
+from linked_fleet_gateway.extensions.pages.fleet_views import CARDS, ROWS, RobotCard, read_choice
 from linked_fleet_gateway.extensions.pages.thing_views import Presence
 from linked_fleet_gateway.extensions.pages.values import Link, State, Time
 
@@ -92,3 +92,12 @@ def test_the_table_has_pages() -> None:
     first, last = read_choice("view=table").rows(robots), read_choice("view=table&page=9").rows(robots)
     assert (len(first.robots), first.following, first.former) == (ROWS, "/?view=table&page=2", "")
     assert (len(last.robots), last.begin, last.following, last.former) == (1, ROWS, "", "/?view=table&page=1")
+
+
+def test_cards_of_a_large_fleet_have_pages_of_those_that_fit() -> None:
+    robots = [card(f"r{number}", tags=("hall",)) for number in range(CARDS + 1)]
+    few, many = read_choice("").paged(CARDS), read_choice("").paged(CARDS + 1)
+    assert (few, many, read_choice("view=table").paged(1)) == (False, True, True)
+    first = read_choice("tag=hall").rows(robots)
+    assert (len(first.robots), first.count, first.following) == (CARDS, CARDS + 1, "/?tag=hall&page=2")
+    assert len(read_choice("tag=hall&page=2").rows(robots).robots) == 1

@@ -10,9 +10,12 @@ import pytest
 from pyoxigraph import Literal, RdfFormat, parse
 
 from browser import LF, Browser
+from commanding import control, put
 from dom import Element, parsed
+from linked_fleet_base.errors import FleetError
+from linked_fleet_base.sentences import sentence
 from linked_fleet_gateway.extensions.pages.help import help_of
-from linked_fleet_gateway.extensions.pages.languages import chosen_language, known, say, speaking
+from linked_fleet_gateway.extensions.pages.languages import chosen_language, known, say, speaking, spoken
 from linked_fleet_gateway.extensions.pages.templating import messages_of, with_calls
 from linked_fleet_gateway.extensions.pages.views import added_views
 from linked_fleet_rdf.vocabulary import RDFS
@@ -299,3 +302,35 @@ def test_all_words_are_read(browser: Browser) -> None:
     english = set(texts(read(browser, "", ENGLISH)))
     german = set(texts(read(browser, "", GERMAN)))
     assert {"Flotte", "Störungen", "Für Entwickler"} <= german and "For developers" in english
+
+
+def test_refusals_are_in_the_language_of_the_reader(browser: Browser) -> None:
+    """Programs that name no language get English."""
+    lease = f"{browser.root}ur5/lease"
+    taken = put(browser, lease, control("Ada", 60))
+    assert taken.is_success, taken.text
+    turn = {"value": 0.1, "unit": "http://qudt.org/vocab/unit/RAD"}
+    try:
+        said = {}
+        for languages in ("de", "en", ""):
+            headers = {"accept": "application/json", "accept-language": languages}
+            answer = browser.http.post(f"{browser.root}ur5/elbow_joint/actions/rotate", json=turn, headers=headers)
+            assert answer.status_code == 409, answer.text
+            said[languages] = answer.json()
+            assert answer.headers["content-language"] == (languages or "en")
+        assert said["de"]["detail"].startswith("Ada steuert ur5 bis ") and "Anhalten" in said["de"]["detail"]
+        assert said["en"]["detail"].startswith("Ada controls ur5 until ") and said["en"] == said[""]
+        assert said["de"]["title"] != said["en"]["title"] and said["de"]["type"] == said["en"]["type"]
+    finally:
+        browser.http.delete(lease, headers={"lock-token": taken.headers["lock-token"]})
+
+
+def test_a_sentence_keeps_what_it_was_made_of() -> None:
+    inner = sentence("The client")
+    whole = sentence("{client} has {limit} {of} motions", client=inner, limit=3)
+    assert whole == "The client has 3 {of} motions" and type(FleetError(whole).detail) is str
+    with speaking("de"):
+        assert spoken(
+            sentence("Robot {robot} is offline; its actions answer again once it is back.", robot="{robot}")
+        ) == ("Der Roboter {robot} ist offline. Seine Aktionen antworten wieder, sobald er zurück ist.")
+        assert spoken(inner) == "Der Client" and spoken("nothing known") == "nothing known"

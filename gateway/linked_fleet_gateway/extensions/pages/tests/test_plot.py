@@ -5,17 +5,20 @@ import re
 import signal
 from bisect import bisect_left
 from collections.abc import Callable, Iterator, Sequence
-from datetime import datetime
+from datetime import UTC, datetime
 from io import StringIO
 from itertools import pairwise
 from pathlib import Path
+from urllib.parse import urlencode
 
 import pytest
 from playwright.sync_api import Locator, Page, expect
 
+from accessibility import violations
 from browser import LF
 from browser import Browser as Client
 from commanding import TURTLE, angle, of_joint, of_robot, post, slowly
+from fake_robots import FakeRobot, open_session
 from page_user import PageUser
 from running import Process, eventually
 from small_fleet import Place, live
@@ -213,3 +216,48 @@ def test_a_board_has_numbers_of_several_robots_in_one_chart(
         eventually(lambda: angles.evaluate(scale) > 59, "the last minute")
     operator.press(lines.filter(has_text="effort").get_by_role("button"))
     expect(charts).to_have_count(1)
+
+
+def test_a_board_shows_the_times_of_a_timeline_and_leads_back(page: Page, ur5: tuple[Client, Process]) -> None:
+    """Its slider shows what was measured at a time, in all charts."""
+    client, _ = ur5
+    answer = client.http.put(of_joint(client, JOINT), content=slowly(0.5, speed=1.0), headers=TURTLE)
+    assert answer.is_success, answer.text
+    eventually(lambda: angle(client, JOINT) > 0.49, "the end of the motion")
+    _, address, name = on_a_board(page, client)
+    board_page = page.url
+    times = [time for time, value in recorded(client, address, name) if value is not None]
+    begin, until = (
+        datetime.fromtimestamp(each, UTC).isoformat(timespec="milliseconds") for each in (times[0], times[-1])
+    )
+    window = urlencode({"from": begin.replace("+00:00", "Z"), "until": until.replace("+00:00", "Z")})
+    page.goto(f"{client.root}timeline?{window}")
+    page.get_by_role("link", name="Boards of this time").click()
+    page.locator(f'.boards a[href^="{board_page}?"]').click()
+    figure = page.locator(".board-charts figure")
+    eventually(lambda: end_of(figure) > 0, "the line of that time")
+    assert end_of(figure) <= times[-1]
+    page.get_by_label("Time").fill("0")
+    shown = page.locator("[data-line] data")
+    eventually(lambda: abs(float(shown.get_attribute("value") or 9)) < 0.1, "the value of the beginning")
+    page.get_by_label("Time").fill("999")
+    eventually(lambda: abs(float(shown.get_attribute("value") or 9) - 0.5) < 0.1, "the value of the end")
+    expect(page.get_by_role("link", name="What happened in this time")).to_have_attribute(
+        "href", re.compile("from=.*#at=")
+    )
+    assert violations(page) == []
+    page.get_by_role("button", name="Follow what is measured now").click()
+    eventually(lambda: end_of(figure) > times[-1] + 1, "the present")
+
+
+def test_a_robot_whose_clock_is_behind_is_drawn_at_the_present_and_named(page: Page, place: Place) -> None:
+    with place.gateway() as (_, client), open_session(place.zenoh) as session:
+        late = FakeRobot(session, "late").appear()
+        late.behind_s = 40.0
+        late.stand(0.3)
+        live(client, "late")
+        page.goto(board(client, "late/elbow/rotation"))
+        expect(page.locator("[data-clock]")).to_have_text(re.compile("its clock is (39|40|41) s behind"))
+        figure = page.locator(".board-charts figure")
+        eventually(lambda: end_of(figure) > datetime.now(UTC).timestamp() - 5, "the present")
+        assert violations(page) == []

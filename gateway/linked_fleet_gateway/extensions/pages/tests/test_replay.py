@@ -11,7 +11,7 @@ from playwright.sync_api import Page, ViewportSize, expect
 from rdflib import URIRef
 
 from accessibility import violations
-from browser import LDP, LF
+from browser import DCTERMS, LDP, LF
 from browser import Browser as Client
 from chromium import DESK, PHONE
 from commanding import of_joint, post, radian
@@ -27,12 +27,16 @@ SHOWN = "() => document.querySelector('#replay .scene').scene"
 
 @dataclass
 class Past:
-    """A robot that turned its wrist from 0 to 1 rad, was stopped, and left. Times in seconds since 1970."""
+    """A robot that turned its wrist from 0 to 1 rad, was stopped, and left. Times in seconds since 1970.
+
+    Another robot stood beside it, and a crate before the time ``without``.
+    """
 
     root: str
     recording: str
     before: float
     after: float
+    without: float
     gone: float
 
     def timeline(self, at: float) -> str:
@@ -49,16 +53,57 @@ def written(time: float) -> str:
 def past(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Past]:
     place = Place(tmp_path_factory.mktemp("state"))
     with place.gateway() as (_, client):
-        with place.ur5():
+        with place.robot("ur5,twin=ur5"):
             live(client, "ur5")
-            before = eventually(lambda: newest(client), "the first sample")
+            live(client, "twin")
+            crate = arrange(client)
+            arranged, _ = objects(client)
+            before = eventually(
+                lambda: found if (found := newest(client) or 0) > arranged else None, "a sample since then"
+            )
             answer = post(client, of_joint(client, JOINT, LF.Rotate), radian(1.0), prefer="wait=30")
             assert answer.status_code < 300, answer.text
             after = eventually(lambda: found if (found := newest(client)) and found > before + 1 else None, "more")
+            client.http.delete(crate).raise_for_status()
+            without = eventually(lambda: None if (found := objects(client))[1] else found[0], "no crate on disk")
             post(client, f"{client.root}ur5/actions/stop")
             recording = eventually(lambda: recorded(client), "the recording")
         offline(client, "ur5")
-        yield Past(client.root, recording, before, after, eventually(lambda: gap(client), "the gap"))
+        yield Past(client.root, recording, before, after, without, eventually(lambda: gap(client), "the gap"))
+
+
+def arrange(client: Client) -> str:
+    """Place the robots and a crate, and return the crate once it is on disk."""
+    for name, x in (("ur5", 1.0), ("twin", 2.5)):
+        answer = client.http.put(f"{client.root}{name}/placement", json={"position": metres(x, 0, 0)})
+        assert answer.status_code < 300, answer.text
+    thing = {
+        "title": "crate",
+        "position": metres(1, 2, 0.1),
+        "geometry": {"form": LF.Box, "size": metres(0.4, 0.3, 0.2)},
+    }
+    answer = client.http.post(f"{client.root}world/objects", json=thing)
+    assert answer.status_code == 201, answer.text
+    eventually(lambda: len(objects(client)[1]) == 1 and robots_placed(client) == 2, "all of it on disk")
+    return answer.headers["location"]
+
+
+def robots_placed(client: Client) -> int:
+    page = client.page(f"{client.root}ur5/history/world")
+    return len(list(page.graph.objects(page.iri, DCTERMS.hasPart)))
+
+
+def objects(client: Client) -> tuple[float, list[object]]:
+    """Return the objects that are there according to the disk, and since when."""
+    page = client.page(f"{client.root}ur5/history/world")
+    since = str(page.one(LF["from"]))
+    return 0.0 if since == str(LF.unknown) else datetime.fromisoformat(since).timestamp(), list(
+        page.graph.objects(page.iri, LDP.contains)
+    )
+
+
+def metres(x: float, y: float, z: float) -> dict[str, object]:
+    return {"x": x, "y": y, "z": z, "unit": "http://qudt.org/vocab/unit/M"}
 
 
 def newest(client: Client) -> float | None:
@@ -119,6 +164,22 @@ def test_a_robot_is_shown_as_it_was_and_not_where_nothing_was_heard(page: Page, 
         expect(page.locator("#replay .replay-says")).to_contain_text("Nothing is known")
         expect(page.locator("#replay table")).to_be_hidden()
     assert page.evaluate("document.documentElement.scrollWidth") == size["width"]
+
+
+def test_what_stood_around_a_robot_is_drawn_as_it_was(page: Page, past: Past) -> None:
+    opened(page, past.timeline(past.before), DESK)
+    around, drawn = page.locator("#replay .replay-around"), f"() => ({SHOWN})().around"
+    expect(around).to_have_text("Around it, as they were: twin, crate.")
+    standing = (
+        f"({drawn})().children.filter((e) => e.visible).flatMap((e) => [e, ...e.children]).map((e) => e.position.x)"
+    )
+    assert 2.5 in page.evaluate(standing) and 1 in page.evaluate(standing)
+    go(page, past.without)
+    expect(around).to_have_text("Around it, as they were: twin.")
+    assert violations(page) == []
+    go(page, past.before - 10)
+    expect(around).to_have_text("")
+    assert page.evaluate(f"({drawn})().visible") is False
 
 
 def test_a_recording_plays_to_its_end(page: Page, past: Past) -> None:

@@ -20,18 +20,16 @@ const VIEW = "lf-view-of-the-fleet";
 const HIDDEN = "lf-hide-further";
 const TYPING_MS = 300;
 let filter;
-let paged = false;
 let typing;
 
 export function start() {
   offerToHide();
   filter = document.querySelector("form[data-filters=robots]");
   if (!filter || remembered()) return;
-  paged = Boolean(document.querySelector("#robots[data-paged]"));
   filter.addEventListener("input", () => {
-    if (!paged) apply();
+    if (!isPaged()) apply();
     clearTimeout(typing);
-    typing = setTimeout(asked, paged ? TYPING_MS : 0);
+    typing = setTimeout(asked, isPaged() ? TYPING_MS : 0);
   });
   filter.addEventListener("submit", (event) => event.preventDefault());
   follow(tell);
@@ -64,10 +62,14 @@ function offerToHide() {
   line.hidden = localStorage.getItem(HIDDEN) === "yes";
 }
 
-/** The rows of a table come from the gateway, filtered, sorted and paged; cards are all here. */
+/** Whether the gateway filters, sorts and pages: it does so for tables, and for cards of a large fleet. */
+function isPaged() {
+  return Boolean(document.querySelector("#robots[data-paged]"));
+}
+
 function asked() {
   writeAddress();
-  if (paged) refresh();
+  if (isPaged()) refresh();
 }
 
 /** Write the filter into the address, so that the view can be sent to somebody, and into the links of this page. */
@@ -93,7 +95,7 @@ function with_(search, chosen) {
 
 /** Write what robots do into their cards or rows: all of it is optional, so it has no addresses in the page. */
 function tell(graph) {
-  if (paged) countAll(graph);
+  if (isPaged()) countAll(graph);
   for (const card of /** @type {NodeListOf<HTMLElement>} */ (document.querySelectorAll(ROBOTS))) {
     const iri = card.dataset.robot;
     const of = (name) => graph.value(iri, lf(name))?.value;
@@ -172,7 +174,7 @@ function countAll(graph) {
 }
 
 function apply() {
-  if (paged) return;
+  if (isPaged()) return;
   const { text, presence, kind, tag } = Object.fromEntries(new FormData(filter));
   const wanted = String(text).trim().toLowerCase().split(/\s+/);
   const cards = /** @type {HTMLElement[]} */ ([...document.querySelectorAll(ROBOTS)]);

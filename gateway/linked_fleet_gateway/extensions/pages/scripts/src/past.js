@@ -7,17 +7,17 @@
 const AWAY_S = 2;
 const STEP_S = 0.001; // times of a line differ
 
-/** @type {(iri: string, spanS: number) => Promise<Past|undefined>} */
+/** @type {(iri: string, spanS: number, untilS?: number) => Promise<Past|undefined>} */
 let source = async () => undefined;
 
-/** Set the function that reads the last `spanS` seconds of the property at `iri`; undefined if it is not recorded. */
+/** Set the function that reads `spanS` seconds of the property at `iri` up to a time, or the last ones; undefined if it is not recorded. */
 export function provide(/** @type {typeof source} */ read) {
   source = read;
 }
 
 /** @returns {ReturnType<typeof source>} */
-export function past(/** @type {string} */ iri, /** @type {number} */ spanS) {
-  return source(iri, spanS);
+export function past(/** @type {string} */ iri, /** @type {number} */ spanS, /** @type {number | undefined} */ untilS = undefined) {
+  return source(iri, spanS, untilS);
 }
 
 /** Return how many points precede a history, and the index of the first point after it: it replaces those between. */

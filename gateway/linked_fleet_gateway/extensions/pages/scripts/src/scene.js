@@ -254,6 +254,20 @@ class RobotScene {
     this.view?.invalidate(true);
   }
 
+  /**
+   * Draw things around the robot, which are in the frame of the world; without its pose there, do not.
+   *
+   * @param {import("three").Group & {carry: (linkAt: (iri: string) => any) => void}} things
+   * @param {import("./scene_target.js").Pose|undefined} pose
+   */
+  among(things, pose) {
+    if (!this.view) return;
+    if (things.parent !== this.view.scene) this.view.scene.add((this.around = things));
+    things.visible = Boolean(pose);
+    if (pose) putInverse(things, pose);
+    this.view.invalidate(true);
+  }
+
   /** Follow the robot while it is visible. */
   listen() {
     if (this.isPast) return;
@@ -279,13 +293,13 @@ class RobotScene {
     const { objects, placement } = this.section.dataset;
     if (!objects || !placement) return [];
     const [container, place] = [objects, placement].map((each) => new URL(each, document.baseURI).href);
-    if (!this.around) {
-      this.around = new Objects(this.ending.signal, () => this.view?.invalidate(true));
-      this.around.visible = false;
-      this.view.scene.add(this.around);
+    if (!this.objects) {
+      this.around = this.objects = new Objects(this.ending.signal, () => this.view?.invalidate(true));
+      this.objects.visible = false;
+      this.view.scene.add(this.objects);
     }
     return [
-      watch(container, { interval: 0.2 }, (graph) => this.around.show(graph, container)),
+      watch(container, { interval: 0.2 }, (graph) => this.objects.show(graph, container)),
       watch(place, {}, (graph) => {
         const pose = poseOf(graph, place);
         this.around.visible = Boolean(pose);
