@@ -159,7 +159,8 @@ def test_a_reservation_is_kept_when_its_station_is_written(here: Here, method: s
         written = here.one.browser.http.put(url, json=here.get(here.one, path, "application/json").json() | {"bays": 1})
     else:
         update = f"DELETE {{ <> <{MY.bays}> 2 }} INSERT {{ <> <{MY.bays}> 1 }} WHERE {{}}"
-        written = here.one.browser.http.patch(url, content=update, headers={"content-type": "application/sparql-update"})
+        media_type = {"content-type": "application/sparql-update"}
+        written = here.one.browser.http.patch(url, content=update, headers=media_type)
     assert written.status_code == 204, written.text
     assert here.free(here.one, path) == 0
     refused = here.reserve(here.one, path, 60)
