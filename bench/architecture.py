@@ -12,29 +12,32 @@ from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
 EXTENSIONS = ROOT / "gateway/linked_fleet_gateway/extensions"
-FOLDERS = {
-    "linked_fleet_agent": "agents", "linked_fleet_gateway": "gateway", "linked_fleet_client": "client",
-    "linked_fleet_doctor": "gateway", "linked_fleet_server": "gateway", "linked_fleet_valkey": "gateway",
-    "linked_fleet_shacl": "gateway", "linked_fleet_webhooks": "gateway",
-    "linked_fleet_rdf": "gateway",
-    "linked_fleet_demo": "demo", "bench": ".", "fuzzing": "tests",
-}  # fmt: skip
-"""The folder of each package."""
-SERVER = "linked_fleet_server"
 BESIDE = (
-    SERVER,
+    "linked_fleet_base",
+    "linked_fleet_runtime",
     "linked_fleet_rdf",
+    "linked_fleet_identity",
+    "linked_fleet_state",
+    "linked_fleet_link",
+    "linked_fleet_server",
     "linked_fleet_shacl",
     "linked_fleet_valkey",
     "linked_fleet_webhooks",
     "linked_fleet_doctor",
 )
 """Packages beside the gateway: those that it uses, and the checks that use it."""
+FOLDERS = dict.fromkeys(("linked_fleet_gateway", *BESIDE), "gateway") | {
+    "linked_fleet_agent": "agents", "linked_fleet_client": "client", "linked_fleet_demo": "client",
+    "bench": ".", "fuzzing": "tests",
+}  # fmt: skip
+"""The folder of each package."""
+PACKAGES = {f"linked_fleet_{each}": each for each in ("base", "rdf", "runtime", "server", "state", "identity", "link")}
+"""Packages through which a request passes, and what each is called in the tables."""
 ROOMS = (
-    "base", "rdf", "runtime", "server", "fleet", "identity", "resources", "link", "subscriptions", "actions",
+    "base", "rdf", "runtime", "server", "state", "identity", "link", "resources", "subscriptions", "actions",
     "http", "api", "faces", "serving", "extensions", "app",
 )  # fmt: skip
-"""Layers ("rooms") of the gateway, the lowest first."""
+"""Packages and layers ("rooms") of the gateway, the lowest first."""
 Edges = Mapping[str, set[str]]
 
 
@@ -123,10 +126,10 @@ def circles(edges: Edges) -> list[list[str]]:
 
 
 def room_of(module: str) -> str:
-    """Return the layer of a module of the gateway or its server; for an extension its name."""
+    """Return the layer of a module of the gateway, or of a package below it; for an extension its name."""
     parts = module.split(".")
-    if parts[0] == SERVER:
-        return "server"
+    if parts[0] in PACKAGES:
+        return PACKAGES[parts[0]]
     if len(parts) < 2 or parts[1] == "__main__":
         return "app"
     return ".".join(parts[1:3]) if parts[1] == "extensions" and len(parts) > 2 else parts[1]
@@ -149,7 +152,9 @@ def upward(edges: Edges) -> list[tuple[str, str]]:
 
 def main() -> None:
     gateway = modules("linked_fleet_gateway")
-    edges = imports(gateway)
+    below = {name: path for package in PACKAGES for name, path in modules(package).items()}
+    found_imports = imports(gateway | below)
+    edges = {name: found_imports[name] for name in gateway}
     lines: Counter[str] = Counter()
     code: Counter[bool] = Counter()
     counts: Counter[str] = Counter()
@@ -172,7 +177,8 @@ def main() -> None:
     found = circles(imports(every)) + circles(scripts())
     product = sum(len(modules(each)) for each in FOLDERS if each not in ("bench", "fuzzing"))
     print("\n| measure | |\n|---|---|")
-    print(f"| core of the gateway | {core:,} lines, {code[False]:,} of them code |")
+    in_core = sum(count for room, count in counts.items() if not room.startswith("extensions"))
+    print(f"| core of the gateway | {core:,} lines, {code[False]:,} of them code, in {in_core} modules |")
     print(f"| extensions | {extensions:,} lines, {code[True]:,} of them code |")
     for package in BESIDE:
         count = sum(len(path.read_text().splitlines()) for path in modules(package).values())

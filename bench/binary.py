@@ -14,16 +14,16 @@ from bench.synthetic import robot, urdf
 from bench.table import Row
 from linked_fleet_agent.wire.codec import decode, layout
 from linked_fleet_agent.wire.messages import Description
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.identity.rights import ALL, View
-from linked_fleet_gateway.rdf.serialise import JELLY
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.topic import Topic
+from linked_fleet_identity.rights import ALL, View
+from linked_fleet_rdf.serialise import JELLY
+from linked_fleet_state.events import Appeared, Described, Framed
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
 
 JOINTS, RUNS = 20, 5
 _BASE = "http://127.0.0.1:8000"

@@ -35,7 +35,7 @@ from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.shapes import build_robot
 from linked_fleet_gateway.extensions.world.surfaces import read_mesh
 from linked_fleet_gateway.extensions.world.surroundings import MARGIN_M
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 ARMS = {name: model for name, model in MODELS.items() if not model.cut_at}
 """Robots that move joints, and are described by whole files."""

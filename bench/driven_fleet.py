@@ -23,10 +23,10 @@ from linked_fleet_gateway.app.settings import GatewaySettings
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.path_watch import PathWatch
-from linked_fleet_gateway.fleet.driving import FollowedPath
-from linked_fleet_gateway.fleet.events import Framed
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_identity.rights import ALL
+from linked_fleet_state.driving import FollowedPath
+from linked_fleet_state.events import Framed
+from linked_fleet_state.invocation import Invocation
 from virtual.zenoh_network import ZenohNetwork
 
 COUNT, ROWS = 100, 10

@@ -15,7 +15,7 @@ from bench.scene import Scene, cpu_s, scene_of_robots
 from bench.table import Row, known
 from bench.varied import ENCODINGS, Client
 from browser import HYBRIT
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS
+from linked_fleet_rdf.vocabulary import DCTERMS
 from shared_fixtures import ROBOTS
 
 _ASSET = re.compile(r'(?:src|href)="(/assets/[^"]+\.(?:js|css))"')

@@ -18,13 +18,13 @@ import msgspec
 from bench.table import Row, bounded, known, markdown
 from flapping import Flapping
 from gateway_fixtures import Bench
-from linked_fleet_gateway.base.faults import Faults
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.extensions.faults.fault import Fault
 from linked_fleet_gateway.extensions.faults.kinds import policy_of
 from linked_fleet_gateway.extensions.faults.ledger import ROUND_S, Ledger
 from linked_fleet_gateway.extensions.faults.signals import Signals
 from linked_fleet_gateway.extensions.faults.watch import FRAMES_S, Watch
-from linked_fleet_gateway.runtime.table import StoredRecords, Table
+from linked_fleet_runtime.table import StoredRecords, Table
 from redis_servers import single
 
 FLAPS_HZ, LASTS_S, TICK_S = 1000, 20.0, 0.01

@@ -22,7 +22,7 @@ MOST_MB, MOST_KB, MOST_AGENT_MB, MOST_AGENT_PERCENT = 64.0, 300.0, 40.0, 3.0
 LIBRARIES = """
 import asyncio, json, sys
 import h11, msgspec, pyoxigraph, redis.asyncio, starlette.applications, uvicorn, uvloop, websockets, zenoh
-from linked_fleet_gateway.link.zenoh_session import settings
+from linked_fleet_link.zenoh_session import settings
 config = zenoh.Config()
 for name, value in settings(("tcp/127.0.0.1:0",), (), {}).items():
     config.insert_json5(name, json.dumps(value))

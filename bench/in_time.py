@@ -32,9 +32,9 @@ from linked_fleet_gateway.extensions.world.messages import (
 )
 from linked_fleet_gateway.extensions.world.questions import WITHIN_S, sampled_configurations
 from linked_fleet_gateway.extensions.world.schedules import EARLY_S, LATE_S, OnTime, Run
-from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.events import Frames
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
 
 ME, OTHER = "panda", "ur5"
 BASES = {ME: Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)), OTHER: Pose((0.8, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0))}

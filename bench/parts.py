@@ -17,16 +17,16 @@ from bench.table import Row, known
 from linked_fleet_agent.wire.codec import decode
 from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.actions import redis_scripts as scripts
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Frames
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.websocket import frame_bytes
 from linked_fleet_gateway.resources.subscription import Kind, Subscription
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS
 from linked_fleet_gateway.resources.tree import Tree
-from linked_fleet_gateway.runtime.redis import Connection
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
+from linked_fleet_runtime.redis import Connection
+from linked_fleet_state.events import Appeared, Described, Framed, Frames
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
 from redis_servers import Server, single
 
 ROBOTS, JOINTS = 50, 10

@@ -9,7 +9,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from linked_fleet_gateway.extensions.world.scene import TriangleMesh
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 Array = npt.NDArray[np.float64]
 Board = tuple[Iterable[float], Iterable[float]]

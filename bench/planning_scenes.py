@@ -43,7 +43,7 @@ from linked_fleet_gateway.extensions.world.surroundings import (
     distance,
     object_bodies,
 )
-from linked_fleet_gateway.fleet.model import JointKind, Pose
+from linked_fleet_state.model import JointKind, Pose
 
 KINDS = ("open", "plates", "open", "table", "open", "shelf")
 """Kinds of scenes, in turn by their seed."""

@@ -21,7 +21,7 @@ from starlette.responses import Response
 from starlette.routing import Route
 
 from linked_fleet_agent.wire.trust import Credentials
-from linked_fleet_gateway.link.zenoh_session import settings
+from linked_fleet_link.zenoh_session import settings
 
 STATE, QUESTION = "raw/state", "raw/question"
 SENT = struct.Struct("<q")

@@ -16,7 +16,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-from bench.architecture import ROOT, SERVER, rank, room_of
+from bench.architecture import PACKAGES, ROOT, rank, room_of
 from browser import Browser
 from fake_robots import FakeRobot, open_session
 from running import eventually, process
@@ -25,9 +25,9 @@ from virtual.client import clients_in_memory
 from virtual.loop import virtual_time
 
 _FOLDER = ROOT / "gateway"
-_PACKAGES = tuple(str(_FOLDER / each) + "/" for each in ("linked_fleet_gateway", SERVER))
+_PACKAGES = tuple(str(_FOLDER / each) + "/" for each in ("linked_fleet_gateway", *PACKAGES))
 _COMPREHENSIONS = frozenset({"<listcomp>", "<setcomp>", "<dictcomp>", "<genexpr>"})
-_BACKGROUND = "_repeat"  # of runtime.background
+_BACKGROUND = "_repeat"  # of linked_fleet_runtime.background
 
 
 @dataclass

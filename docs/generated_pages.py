@@ -9,12 +9,12 @@ from http_reference import http
 from pyoxigraph import Literal, NamedNode, RdfFormat, Store, parse
 
 import linked_fleet_shapes
+from linked_fleet_base.errors import PROBLEMS, FleetError
 from linked_fleet_client.cli import programs
 from linked_fleet_client.cli.main import cli
 from linked_fleet_gateway import api as contract
 from linked_fleet_gateway import faces, serving
 from linked_fleet_gateway.app.extensions import BUILT_IN
-from linked_fleet_gateway.base.errors import PROBLEMS, FleetError
 from linked_fleet_gateway.extensions.openapi import api as openapi
 from linked_fleet_gateway.extensions.pages import api as pages
 
@@ -29,7 +29,7 @@ def contract_modules() -> tuple[str, ...]:
     """Return the modules that define the names of the contract of extensions."""
     values = (getattr(each, name) for each in (contract, faces, serving, pages, openapi) for name in each.__all__)
     found = {str(getattr(each, "__module__", "")) for each in values}
-    return tuple(sorted(each for each in found if each.startswith(("linked_fleet_gateway.", "linked_fleet_shacl."))))
+    return tuple(sorted(each for each in found if each.startswith("linked_fleet_")))
 
 
 _API = {

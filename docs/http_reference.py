@@ -8,15 +8,15 @@ from typing import Any
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
+from linked_fleet_base.contributions import set_present
 from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
-from linked_fleet_gateway.base.contributions import set_present
 from linked_fleet_gateway.extensions.openapi.extension import Documents
-from linked_fleet_gateway.fleet.events import Appeared, Described
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.identity.rights import ALL
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_identity.rights import ALL
+from linked_fleet_state.events import Appeared, Described
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
 
 _Json = Mapping[str, Any]
 _MOVING = ("revolute", "prismatic")

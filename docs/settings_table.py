@@ -5,9 +5,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from linked_fleet_agent.settings import SETTINGS
+from linked_fleet_base.settings import Section
 from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.base.settings import Section
 
 PAGE = Path(__file__).with_name("SETTINGS.md")
 _HEAD = "| process | variable | flag | default | meaning |\n|---|---|---|---|---|\n"

@@ -9,18 +9,19 @@ import pytest
 
 import linked_fleet_gateway
 from linked_fleet_gateway.app.extensions import BUILT_IN
-from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_rdf.vocabulary import LF
 
 CORE = Path(linked_fleet_gateway.__path__[0])
+BELOW = [CORE.with_name(f"linked_fleet_{each}") for each in ("base", "identity", "link", "rdf", "runtime", "state")]
 SHAPES = Path(__file__).parents[1] / "shapes" / "linked_fleet_shapes"
 NAMES = {name for each in BUILT_IN for name in (each.name, *each.at_root, *each.in_robot)}
 """The extensions, and the segments that are theirs."""
 WORDS = {
-    ("app/metrics.py", "faults"),  # a metric: faults of the gateway itself
-    ("fleet/answers.py", "components"),  # a member of descriptions (PROTOCOL.md of the wire)
-    ("identity/issuers.py", ".well-known"),  # OpenID Connect Discovery, 4
-    ("subscriptions/redis_scripts.py", "queue"),  # the key of deliveries that are queued
-    ("resources/properties.py", "world"),  # the name of a frame of reference, as ROS has it
+    ("linked_fleet_gateway/app/metrics.py", "faults"),  # a metric: faults of the gateway itself
+    ("linked_fleet_state/answers.py", "components"),  # a member of descriptions (PROTOCOL.md of the wire)
+    ("linked_fleet_identity/issuers.py", ".well-known"),  # OpenID Connect Discovery, 4
+    ("linked_fleet_gateway/subscriptions/redis_scripts.py", "queue"),  # the key of deliveries that are queued
+    ("linked_fleet_gateway/resources/properties.py", "world"),  # the name of a frame of reference, as ROS has it
 }
 """Strings that mean something else, by file."""
 
@@ -43,9 +44,10 @@ def imported_in(source: str) -> Iterator[str]:
 
 def test_no_module_of_the_core_names_an_extension() -> None:
     modules = [path for path in CORE.rglob("*.py") if "extensions" not in path.relative_to(CORE).parts[:-1]]
+    modules += [path for folder in BELOW for path in folder.glob("*.py")]
     assert len(modules) > 150
     found = {
-        (str(path.relative_to(CORE)), name)
+        (str(path.relative_to(CORE.parent)), name)
         for path in modules
         for name in (*named_in(path.read_text()), *imported_in(path.read_text()))
     }

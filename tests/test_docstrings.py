@@ -13,7 +13,12 @@ import pytest
 ROOT = Path(__file__).parents[1]
 PACKAGES = (
     "agents/linked_fleet_agent",
+    "gateway/linked_fleet_base",
     "gateway/linked_fleet_gateway",
+    "gateway/linked_fleet_identity",
+    "gateway/linked_fleet_link",
+    "gateway/linked_fleet_runtime",
+    "gateway/linked_fleet_state",
     "gateway/linked_fleet_doctor",
     "gateway/linked_fleet_server",
     "gateway/linked_fleet_shacl",
@@ -21,7 +26,7 @@ PACKAGES = (
     "gateway/linked_fleet_webhooks",
     "gateway/linked_fleet_valkey",
     "client/linked_fleet_client",
-    "demo",
+    "client/linked_fleet_demo",
 )
 MODULES = sorted(
     path

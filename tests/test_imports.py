@@ -16,7 +16,10 @@ PACKAGES = {
     "linked_fleet_shacl": ROOT / "gateway/linked_fleet_shacl",
     "linked_fleet_valkey": ROOT / "gateway/linked_fleet_valkey",
     "linked_fleet_webhooks": ROOT / "gateway/linked_fleet_webhooks",
-    "linked_fleet_rdf": ROOT / "gateway/linked_fleet_rdf",
+    **{
+        f"linked_fleet_{each}": ROOT / f"gateway/linked_fleet_{each}"
+        for each in ("base", "identity", "link", "rdf", "runtime", "state")
+    },
     "linked_fleet_client": ROOT / "client/linked_fleet_client",
 }
 _PROGRAM = """
@@ -29,7 +32,7 @@ def note(event, arguments):
 sys.addaudithook(note)
 for name in sys.argv[1:]:
     importlib.import_module(name)
-from linked_fleet_gateway.base import contributions
+from linked_fleet_base import contributions
 print(json.dumps({
     "threads": [each.name for each in threading.enumerate()][1:],
     "files": sorted(os.readlink(f"/proc/self/fd/{each}") for each in set(os.listdir("/proc/self/fd")) - before

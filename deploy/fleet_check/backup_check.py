@@ -10,8 +10,8 @@ import kept_state
 from checks import ROBOTS, Fleet, callback, more_callbacks, motion, online, ready, wait_for
 from stack import StackError
 
-from linked_fleet_gateway.identity.__main__ import new_token
-from linked_fleet_gateway.identity.rights import EVERY, Right
+from linked_fleet_identity.__main__ import new_token
+from linked_fleet_identity.rights import EVERY, Right
 
 _FILES = ("deploy/certificates/compose.yaml", "deploy/identities/compose.yaml")
 

@@ -8,10 +8,10 @@ from collections.abc import AsyncIterator
 from pathlib import Path
 from typing import Any
 
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_doctor.finding import Finding
-from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.runtime.redis import Connection, InvalidUrl
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
+from linked_fleet_runtime.redis import Connection, InvalidUrl
 
 _PASSWORD = re.compile(r"(?<=://)[^@/]*@")
 _MOST_APART_S = 1.0

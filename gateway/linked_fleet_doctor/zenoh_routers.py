@@ -9,8 +9,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.trust import Credentials
 from linked_fleet_doctor.finding import Finding
-from linked_fleet_gateway.link.transport import LinkError
-from linked_fleet_gateway.link.zenoh_session import open_session
+from linked_fleet_link.transport import LinkError
+from linked_fleet_link.zenoh_session import open_session
 
 _ENDPOINT = re.compile(r"(tcp|tls)/\[?(.*?)\]?:(\d+)(?:[?#].*)?")
 _ANSWER_S = 3.0

@@ -9,11 +9,7 @@ from pyoxigraph import Literal, NamedNode
 from starlette.responses import Response
 
 from linked_fleet_agent.wire.messages import Follow, Move
-from linked_fleet_gateway.actions.action_handlers import build_motion
-from linked_fleet_gateway.actions.guards import MotionGuard
-from linked_fleet_gateway.actions.operations import Call, Operation
-from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Halt, Motion
-from linked_fleet_gateway.base.errors import (
+from linked_fleet_base.errors import (
     BadRequest,
     Busy,
     Conflict,
@@ -23,10 +19,11 @@ from linked_fleet_gateway.base.errors import (
     RedisUnavailable,
     UnprocessableContent,
 )
-from linked_fleet_gateway.base.settings import ON_OFF, TEXT, Section, setting, whole_number
-from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
-from linked_fleet_gateway.fleet.model import Joint, Link, Pose, RobotModel
-from linked_fleet_gateway.fleet.robot import KeptPose, Robot
+from linked_fleet_base.settings import ON_OFF, TEXT, Section, setting, whole_number
+from linked_fleet_gateway.actions.action_handlers import build_motion
+from linked_fleet_gateway.actions.guards import MotionGuard
+from linked_fleet_gateway.actions.operations import Call, Operation
+from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Halt, Motion
 from linked_fleet_gateway.http.body import body_type
 from linked_fleet_gateway.http.content import Content
 from linked_fleet_gateway.http.entrance import await_turn
@@ -38,9 +35,6 @@ from linked_fleet_gateway.http.read import read_resource
 from linked_fleet_gateway.http.request import Request, WebSocket
 from linked_fleet_gateway.http.request_events import RequestEvent
 from linked_fleet_gateway.http.websocket import SubprotocolConnection, WebSocketHandler
-from linked_fleet_gateway.identity.rights import Right
-from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, integer, timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDF, RDFS
 from linked_fleet_gateway.resources.affordance import Demand
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import FleetBranch, Found, PropertyBranch, RequestView, RobotBranch
@@ -51,10 +45,16 @@ from linked_fleet_gateway.resources.paths import joint_path, link_path, robot_of
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised, time_sliced
-from linked_fleet_gateway.runtime.metrics import counter, gauge, gauges
-from linked_fleet_gateway.runtime.table import Table
+from linked_fleet_identity.rights import Right
+from linked_fleet_rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, integer, timestamp
+from linked_fleet_rdf.vocabulary import DCTERMS, LDP, LF, RDF, RDFS
+from linked_fleet_runtime.background import cancel_tasks, supervised, time_sliced
+from linked_fleet_runtime.metrics import counter, gauge, gauges
+from linked_fleet_runtime.table import Table
 from linked_fleet_shacl.terms import Namespace
+from linked_fleet_state.invocation import Invocation, InvocationState
+from linked_fleet_state.model import Joint, Link, Pose, RobotModel
+from linked_fleet_state.robot import KeptPose, Robot
 
 VERSION = 1
 

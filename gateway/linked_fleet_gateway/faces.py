@@ -5,7 +5,6 @@ processes that import it load neither HTTP nor Zenoh, so it has some names of ``
 ``VERSION`` counts changes that break extensions.
 """
 
-from linked_fleet_gateway.identity.rights import ALL, EVERYBODY, Claims, Credential, Identity, Right, TokenHash, View
 from linked_fleet_gateway.resources.action_offer import (
     ActionDefinition,
     Offer,
@@ -53,6 +52,7 @@ from linked_fleet_gateway.resources.shape_parameters import commandable_joints
 from linked_fleet_gateway.resources.subscription_resource import describe_request_shape
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.resources.versioning import Reading
+from linked_fleet_identity.rights import ALL, EVERYBODY, Claims, Credential, Identity, Right, TokenHash, View
 
 VERSION = 1
 

@@ -23,18 +23,18 @@ from linked_fleet_gateway.http.scheduling import TokenBuckets, stop_segments
 from linked_fleet_gateway.http.streams import wants_events
 from linked_fleet_gateway.http.websocket import ConnectionEnded, frame
 from linked_fleet_gateway.http.writes import check_acceptable, created_response, patch_types, read_change
-from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
-from linked_fleet_gateway.identity.roster import Issuer
-from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.resource import Rendition
-from linked_fleet_gateway.runtime.background import run_last_step
-from linked_fleet_gateway.runtime.questions import NoReply, QuestionProcess
-from linked_fleet_gateway.runtime.redis import Connection as RedisConnection
-from linked_fleet_gateway.runtime.replica import Replica
-from linked_fleet_gateway.runtime.table import StoredRecords
-from linked_fleet_gateway.runtime.worker import Worker
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_identity.issuers import BadToken, IssuerFailed
+from linked_fleet_identity.roster import Issuer
+from linked_fleet_identity.service import Identities
+from linked_fleet_link.fleet_link import NoAnswer
+from linked_fleet_runtime.background import run_last_step
+from linked_fleet_runtime.questions import NoReply, QuestionProcess
+from linked_fleet_runtime.redis import Connection as RedisConnection
+from linked_fleet_runtime.replica import Replica
+from linked_fleet_runtime.table import StoredRecords
+from linked_fleet_runtime.worker import Worker
 
 VERSION = 1
 

@@ -1,6 +1,6 @@
 """Jelly (https://w3id.org/jelly): triples as protobuf rows that state each IRI once.
 
-``rdf.serialise`` imports this module with the first request for Jelly, because with protobuf it takes 7 MB.
+``serialise`` imports this module with the first request for Jelly, because with protobuf it takes 7 MB.
 """
 
 from collections.abc import Iterable

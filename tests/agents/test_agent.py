@@ -26,8 +26,8 @@ from linked_fleet_agent.wire.messages import (
     Stop,
 )
 from linked_fleet_agent.wire.transport import HEARTBEAT_S
-from linked_fleet_gateway.fleet.events import Payload
-from linked_fleet_gateway.link.transport import Answer, Question, Session
+from linked_fleet_link.transport import Answer, Question, Session
+from linked_fleet_state.events import Payload
 from running import Process, free_port, process
 from serving import until
 from virtual.processes import gateway_session

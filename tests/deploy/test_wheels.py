@@ -34,8 +34,9 @@ def test_wheels_install_modules_of_our_name_alone(wheels: list[Path]) -> None:
     gateway, agent = wheels
     assert _modules(agent) == {"linked_fleet_agent"}
     assert _modules(gateway) == {
-        "linked_fleet_client", "linked_fleet_demo", "linked_fleet_doctor", "linked_fleet_gateway",
-        "linked_fleet_rdf", "linked_fleet_server", "linked_fleet_shacl", "linked_fleet_shapes", "linked_fleet_valkey",
+        "linked_fleet_base", "linked_fleet_client", "linked_fleet_demo", "linked_fleet_doctor", "linked_fleet_gateway",
+        "linked_fleet_identity", "linked_fleet_link", "linked_fleet_rdf", "linked_fleet_runtime", "linked_fleet_server",
+        "linked_fleet_shacl", "linked_fleet_shapes", "linked_fleet_state", "linked_fleet_valkey",
         "linked_fleet_webhooks",
     }  # fmt: skip
 

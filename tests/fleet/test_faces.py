@@ -8,7 +8,7 @@ import pytest
 
 from browser import Browser
 from fake_robots import SIMPLE, FakeRobot, open_session
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_state.model import RobotModel
 from mcp_client import mcp_session
 from running import eventually
 from small_fleet import Place, presence

@@ -13,8 +13,8 @@ from linked_fleet_agent.pace import every
 from linked_fleet_agent.wire import codec
 from linked_fleet_agent.wire.messages import Accepted, Refused, Reply, Stop
 from linked_fleet_agent.wire.transport import HEARTBEAT_S
-from linked_fleet_gateway.fleet.events import Payload
-from linked_fleet_gateway.link.transport import Answer, Question
+from linked_fleet_link.transport import Answer, Question
+from linked_fleet_state.events import Payload
 from running import eventually, free_port
 from simulated_robots import RESTING_RAD_S, SimulatedRobot, simulated
 from virtual.processes import gateway_session

@@ -16,7 +16,7 @@ import zenoh
 from forwarder import Proxy, proxy
 from link.scene import Gateway, Robot, gateway, serves, until
 from linked_fleet_agent.zenoh_session import open_session as open_agent
-from linked_fleet_gateway.link.zenoh_session import open_session as open_gateway
+from linked_fleet_link.zenoh_session import open_session as open_gateway
 from running import free_port
 
 pytestmark = pytest.mark.processes

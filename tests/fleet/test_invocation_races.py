@@ -35,11 +35,11 @@ from commanding import (
     stop_all,
 )
 from gateway_group import Gateway, gateway, gateways, hub
+from linked_fleet_base.errors import Busy
 from linked_fleet_gateway.actions.guards import Guards
 from linked_fleet_gateway.actions.plan import Caller, Motion
-from linked_fleet_gateway.base.errors import Busy
-from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_state.invocations import Invocation
 from parallel import at_once, pool
 from redis_servers import Servers
 from running import eventually

@@ -10,7 +10,7 @@ from browser import LF, ROS, SPATIAL
 from fake_robots import KEYS
 from linked_fleet_agent.wire.codec import decode
 from linked_fleet_agent.wire.messages import Progress
-from linked_fleet_gateway.fleet.events import Payload
+from linked_fleet_state.events import Payload
 from running import eventually
 from small_fleet import Place, live, move, number, offline, property_page
 from virtual.processes import gateway_session

@@ -10,7 +10,7 @@ import pytest
 from browser import LF
 from commanding import WRIST, angle, arm, begun, ended, of_joint, put, radian
 from gateway_group import Gateway, gateways, hub
-from linked_fleet_gateway.runtime.store_marker import CHECK_S, LOSS
+from linked_fleet_runtime.store_marker import CHECK_S, LOSS
 from redis_servers import Servers, single
 from running import eventually
 from small_fleet import live

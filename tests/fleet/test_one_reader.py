@@ -14,10 +14,10 @@ from linked_fleet_agent.robots.mujoco_model import build
 from linked_fleet_agent.urdf import joints_of
 from linked_fleet_gateway.extensions.models.geometry import urdf_with_mesh_addresses
 from linked_fleet_gateway.extensions.world.shapes import build_robot
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses
-from linked_fleet_gateway.fleet.model import Pose, RobotModel
-from linked_fleet_gateway.fleet.pinocchio_model import build_model
-from linked_fleet_gateway.fleet.xml import rotation
+from linked_fleet_state.kinematics import ORIGIN, LinkPoses
+from linked_fleet_state.model import Pose, RobotModel
+from linked_fleet_state.pinocchio_model import build_model
+from linked_fleet_state.xml import rotation
 
 _AT = {"j1": 0.4, "j2": -0.9}
 _HALF = math.sqrt(0.5)

@@ -8,7 +8,7 @@ import pytest
 from browser import HYBRIT, LF, Browser
 from commanding import PREFIXES, TURTLE, all_see, arm, at_all, begun, ended, problem
 from gateway_group import gateways, hub
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.robot import Robot
 from redis_servers import single
 from small_fleet import Place, live, offline, presence
 

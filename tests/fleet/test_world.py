@@ -20,7 +20,7 @@ from commanding import PAN, PREFIXES, TURTLE, of_joint, post, problem
 from linked_fleet_agent.wire.messages import Mesh
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.scene import MAX_TRIANGLES
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.robot import Robot
 from meshes import BOX, stl
 from running import Process, eventually, free_port, process
 from scene_client import container, contents, crate, met, placement, put_object, put_robot, stands, world

@@ -17,7 +17,7 @@ from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Stop
 from linked_fleet_agent.wire.trust import mutual_tls
-from linked_fleet_gateway.fleet.answers import read_reply
+from linked_fleet_state.answers import read_reply
 from running import Process, eventually, free_port, process
 from small_fleet import live, presence
 

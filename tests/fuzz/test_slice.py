@@ -16,8 +16,8 @@ from fuzzing.stops import LATE_S, Stops
 from fuzzing.watched import MOST_S, timed_callbacks
 from linked_fleet_agent.wire.codec import decode, decode_reply
 from linked_fleet_agent.wire.messages import Accepted, Command, Description, Progress, Stop
-from linked_fleet_gateway.fleet.answers import read_description
 from linked_fleet_gateway.http.body import parse_body
+from linked_fleet_state.answers import read_description
 
 SEED = 7
 COUNTS = {

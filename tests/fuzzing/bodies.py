@@ -16,27 +16,27 @@ from fuzzing.findings import Tally, in_process
 from fuzzing.good import BODIES, JOINTS, TERMS, TURTLE_PREFIXES, able_arm
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
+from linked_fleet_base.contributions import set_present
+from linked_fleet_base.errors import FleetError, UnprocessableContent
 from linked_fleet_gateway.actions.action_handlers import HANDLERS
 from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Motion, robot_time
 from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
-from linked_fleet_gateway.base.contributions import set_present
-from linked_fleet_gateway.base.errors import FleetError, UnprocessableContent
 from linked_fleet_gateway.extensions.reach.can_reach import LF
 from linked_fleet_gateway.extensions.reach.extension import reach
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.body import parse_body
 from linked_fleet_gateway.http.invoke import MAX_TRIPLES
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.validation import find_root, reachable_statements
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Control, Invoke, PutSetting, PutTarget
 from linked_fleet_gateway.resources.body_values import validate_body
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import read_request
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.validation import find_root, reachable_statements
+from linked_fleet_state.events import Appeared, Described, Framed
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
 from shacl_findings import pyshacl_finds
 
 BASE = "http://127.0.0.1:8000"

@@ -31,13 +31,13 @@ from linked_fleet_agent.wire.components import (
 )
 from linked_fleet_agent.wire.messages import Accepted, Progress
 from linked_fleet_agent.wire.schema import Schema, schema_problem, value_problem
-from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge
+from linked_fleet_base.errors import BadRequest, PayloadTooLarge
 from linked_fleet_gateway.extensions.components.declarations import Input
 from linked_fleet_gateway.extensions.components.offers import read_json
 from linked_fleet_gateway.extensions.components.places import place_of
 from linked_fleet_gateway.extensions.components.state import RobotState
 from linked_fleet_gateway.http.invoke import MAX_TRIPLES
-from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_rdf.graph import Graph
 
 _TERM, _FOCUS = "http://example.org/r/vocabulary#hand-input-x", NamedNode("http://example.org/r/hand/actions/x")
 _SCHEMAS: tuple[dict[str, Any], ...] = (

@@ -15,7 +15,7 @@ from linked_fleet_agent.robots.mujoco_model import build
 from linked_fleet_agent.urdf import RobotModel, UrdfError, decode, joints_of
 from linked_fleet_agent.urdf.writer import plain_urdf
 from linked_fleet_gateway.extensions.models.geometry import urdf_with_mesh_addresses
-from linked_fleet_gateway.fleet.pinocchio_model import MAX_DEGREES
+from linked_fleet_state.pinocchio_model import MAX_DEGREES
 
 _REAL = (
     "ur_description/urdf/ur5_robot.urdf",

@@ -12,7 +12,7 @@ from random import Random
 from types import FrameType
 
 from bench.scene import rss_kib
-from linked_fleet_gateway.runtime.log import TextFormatter
+from linked_fleet_runtime.log import TextFormatter
 
 EPISODE = 500
 """Inputs that share a state. Each episode starts anew, so that its inputs alone reproduce a finding."""

@@ -7,7 +7,7 @@ from typing import Any
 from fake_robots import SIMPLE, joint, link, robot
 from linked_fleet_agent.wire.codec import encode, encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Base, Description, State
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_rdf.vocabulary import PREFIXES
 
 ARM = robot(
     link("base"), link("upper"), link("cart"), link("wheel"), link("finger"), link("tip", inertial=False),

@@ -18,9 +18,9 @@ from linked_fleet_gateway.extensions.world.extension import MAX_TRIPLES as MAX_O
 from linked_fleet_gateway.http.body import MAX_BODY_BYTES
 from linked_fleet_gateway.http.invoke import MAX_BODY_BYTES as MAX_INPUT_BYTES
 from linked_fleet_gateway.http.invoke import MAX_TRIPLES as MAX_INPUT_TRIPLES
-from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATION_TRIPLES
 from linked_fleet_rdf.parsing import MAX_TRIPLES
+from linked_fleet_rdf.sparql_tokens import MAX_QUERY_BYTES
 
 TURTLE, TRIPLES, XML = "text/turtle", "application/n-triples", "application/rdf+xml"
 JSON_LD, JSON, QUERY, FORM = (

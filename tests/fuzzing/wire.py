@@ -24,18 +24,18 @@ from linked_fleet_agent.wire.codec import (
 )
 from linked_fleet_agent.wire.keys import Keys, escape, unescape
 from linked_fleet_agent.wire.messages import Accepted, Camera, Mesh, PictureFormat, Progress, Reply
-from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.extensions.cameras.cameras import read_picture
 from linked_fleet_gateway.extensions.models.meshes import read_mesh
 from linked_fleet_gateway.extensions.pages.extension import Pages
-from linked_fleet_gateway.fleet.answers import read_description, read_reply
-from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Framed, Vanished
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.resources.paths import robot_path
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_state.answers import read_description, read_reply
+from linked_fleet_state.events import Appeared, Described, DescriptionRejected, Framed, Vanished
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocation, Invocations
 
 _REPRESENTATIONS = Representations(Pages())
 _BASE = "http://127.0.0.1"

@@ -22,13 +22,13 @@ from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.extensions.world.service import stored_objects
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
-from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.subscriptions import callbacks as callbacks_module
 from linked_fleet_gateway.subscriptions import courier as courier_module
 from linked_fleet_gateway.subscriptions import service as subscriptions_module
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run_name
 from linked_fleet_gateway.subscriptions.store import SubscriptionStore
+from linked_fleet_runtime.background import cancel_tasks
 from linked_fleet_webhooks.network import Network
 from linked_fleet_webhooks.receiver import DeliveryOutcome, Verdict
 from virtual.zenoh_network import ZenohNetwork

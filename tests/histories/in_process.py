@@ -14,7 +14,7 @@ from histories.registers import Objects, RegisterClients, Rules, Settings
 from histories.requests import MotionClients
 from histories.robots import Toy
 from histories.workload import Clients, another
-from linked_fleet_gateway.runtime.background import cancel_tasks
+from linked_fleet_runtime.background import cancel_tasks
 
 GATEWAYS = 3
 _USES = 60  # of each key

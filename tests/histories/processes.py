@@ -22,7 +22,7 @@ from histories.workload import Clients, another
 from linked_fleet_agent.serving import link_of
 from linked_fleet_agent.wire.keys import Keys as ZenohKeys
 from linked_fleet_agent.zenoh_session import open_session
-from linked_fleet_gateway.runtime.background import cancel_tasks
+from linked_fleet_runtime.background import cancel_tasks
 from running import eventually, free_port
 
 GATEWAYS = 2

@@ -9,9 +9,9 @@ from histories.keys import Keys
 from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.extensions.rules.store import Changed as RuleChanged
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, decode, encode
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.runtime.table import Changed as ObjectChanged
-from linked_fleet_gateway.runtime.table import Full, digest
+from linked_fleet_runtime.table import Changed as ObjectChanged
+from linked_fleet_runtime.table import Full, digest
+from linked_fleet_state.model import Pose
 
 _READS, _REMOVES = 0.25, 0.1
 _ROBOT = "arm"

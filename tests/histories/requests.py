@@ -8,8 +8,8 @@ from histories.history import History
 from histories.keys import Keys
 from histories.robots import JOINT
 from linked_fleet_agent.wire.messages import Move
+from linked_fleet_base.errors import AgentTimeout, Busy, KeyReused, NotReadYet, RefusedByAgent
 from linked_fleet_gateway.actions.plan import Act, Caller, Motion, robot_time
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, KeyReused, NotReadYet, RefusedByAgent
 
 _MODEL = "key"
 _OTHER = 0.1  # share of requests that differ from the first one with their key

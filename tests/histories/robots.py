@@ -16,9 +16,9 @@ from linked_fleet_agent.robot import Facts, JointFacts, Limits, Reading
 from linked_fleet_agent.wire.codec import decode, decode_reply, encode
 from linked_fleet_agent.wire.components import Operate
 from linked_fleet_agent.wire.messages import Accepted, Command, Description, Move, Progress, Refused, Reply, Stop
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
-from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_link.fleet_link import NoAnswer
+from linked_fleet_state.events import Appeared, Described, Framed
 
 JOINT = "elbow"
 _TICK_S = 0.02

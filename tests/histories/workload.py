@@ -8,7 +8,7 @@ from typing import Any, Protocol, TypeVar
 
 from histories.environment import Environment
 from histories.history import History
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 
 CLIENTS = 24
 _CANCELLED = 0.02

@@ -8,8 +8,8 @@ from typing import Any, Protocol
 
 import linked_fleet_agent.transport
 import linked_fleet_agent.zenoh_session
-import linked_fleet_gateway.link.transport
-import linked_fleet_gateway.link.zenoh_session
+import linked_fleet_link.transport
+import linked_fleet_link.zenoh_session
 from forwarder import Proxy, proxy
 from running import free_port
 from virtual.loop import on_virtual_time
@@ -24,7 +24,7 @@ _PATIENCE_S = 30.0
 class Network(Protocol):
     """One gateway and the agents that can reach it, each by name."""
 
-    async def gateway(self) -> linked_fleet_gateway.link.transport.Session: ...
+    async def gateway(self) -> linked_fleet_link.transport.Session: ...
 
     async def agent(self, name: str) -> linked_fleet_agent.transport.Session: ...
 
@@ -52,7 +52,7 @@ class _Kept:
 
 
 class Memory(_Kept):
-    """``linked_fleet_gateway.link.transport`` and ``linked_fleet_agent.transport`` in memory."""
+    """``linked_fleet_link.transport`` and ``linked_fleet_agent.transport`` in memory."""
 
     def __init__(self, seed: int = 0) -> None:
         super().__init__()
@@ -66,7 +66,7 @@ class Memory(_Kept):
 
         on_virtual_time(main)
 
-    async def gateway(self) -> linked_fleet_gateway.link.transport.Session:
+    async def gateway(self) -> linked_fleet_link.transport.Session:
         return await self.network.gateway("the gateway")((), (), {})
 
     async def agent(self, name: str) -> linked_fleet_agent.transport.Session:
@@ -104,8 +104,8 @@ class Zenoh(_Kept):
 
         asyncio.run(main())
 
-    async def gateway(self) -> linked_fleet_gateway.link.transport.Session:
-        session = await linked_fleet_gateway.link.zenoh_session.open_session((f"tcp/127.0.0.1:{self._port}",), (), {})
+    async def gateway(self) -> linked_fleet_link.transport.Session:
+        session = await linked_fleet_link.zenoh_session.open_session((f"tcp/127.0.0.1:{self._port}",), (), {})
         self._stack.push_async_callback(session.close)
         return session
 

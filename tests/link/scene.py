@@ -13,8 +13,8 @@ from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Command, Move
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.link.transport import Opener
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_link.transport import Opener
 
 _RATE_HZ = 20.0
 

@@ -1,6 +1,6 @@
 """The contract of the transport interface below the links, kept by both Zenoh and the in-memory network.
 
-It is tested through the two classes ``Session`` of ``linked_fleet_gateway.link.transport`` and
+It is tested through the two classes ``Session`` of ``linked_fleet_link.transport`` and
 ``linked_fleet_agent.transport``.
 """
 
@@ -10,12 +10,12 @@ from contextlib import AbstractContextManager
 import pytest
 
 import linked_fleet_agent.transport as agent_side
-import linked_fleet_gateway.link.transport as gateway_side
+import linked_fleet_link.transport as gateway_side
 from link.parts import Network, contract
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.traceparent import MAX_BYTES
-from linked_fleet_gateway.fleet.events import Payload
-from linked_fleet_gateway.link.transport import Answer, Question
+from linked_fleet_link.transport import Answer, Question
+from linked_fleet_state.events import Payload
 from serving import until
 
 KEYS = Keys("site/hall-2")

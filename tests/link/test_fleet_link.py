@@ -23,7 +23,9 @@ from linked_fleet_agent.wire.messages import (
     State,
     Stop,
 )
-from linked_fleet_gateway.fleet.events import (
+from linked_fleet_link.fleet_link import ASK_AGAIN_S, FleetLink, NoAnswer
+from linked_fleet_link.transport import Answer, Question
+from linked_fleet_state.events import (
     Appeared,
     Conditioned,
     Described,
@@ -32,8 +34,6 @@ from linked_fleet_gateway.fleet.events import (
     Framed,
     Vanished,
 )
-from linked_fleet_gateway.link.fleet_link import ASK_AGAIN_S, FleetLink, NoAnswer
-from linked_fleet_gateway.link.transport import Answer, Question
 from serving import until
 
 KEYS = Keys("site/hall-2")

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 import linked_fleet_agent.zenoh_session
-import linked_fleet_gateway.link.zenoh_session
+import linked_fleet_link.zenoh_session
 from forwarder import proxy
 from link.parts import Memory, Network, contract
 from link.test_contract import asked
@@ -20,9 +20,9 @@ from linked_fleet_agent.long_replies import part_of
 from linked_fleet_agent.transport import Query
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.parts import PART_BYTES, PartRequest, content_tag
-from linked_fleet_gateway.link import long_replies
-from linked_fleet_gateway.link.long_replies import MAX_TRANSFER_S, PART_TIMEOUT_S, LongReplies
-from linked_fleet_gateway.link.transport import Question, Session, ask
+from linked_fleet_link import long_replies
+from linked_fleet_link.long_replies import MAX_TRANSFER_S, PART_TIMEOUT_S, LongReplies
+from linked_fleet_link.transport import Question, Session, ask
 from running import free_port
 from serving import until
 
@@ -264,7 +264,7 @@ def test_a_mesh_over_a_slow_link_costs_neither_session_nor_stops(bytes_per_s: fl
 async def fetch_slowly(bytes_per_s: float, delay_s: float, content: bytes) -> None:
     port = free_port()
     async with asyncio.timeout(100), AsyncExitStack() as stack:
-        gateway = await linked_fleet_gateway.link.zenoh_session.open_session((f"tcp/127.0.0.1:{port}",), (), {})
+        gateway = await linked_fleet_link.zenoh_session.open_session((f"tcp/127.0.0.1:{port}",), (), {})
         stack.push_async_callback(gateway.close)
         slow = SlowLink(gateway)
         await slow.listen()

@@ -17,8 +17,8 @@ from linked_fleet_agent.transport import Query
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import State
-from linked_fleet_gateway.fleet.presence import SILENT_S
-from linked_fleet_gateway.link.fleet_link import DESCRIPTION_TIMEOUT_S
+from linked_fleet_link.fleet_link import DESCRIPTION_TIMEOUT_S
+from linked_fleet_state.presence import SILENT_S
 from virtual.loop import on_virtual_time
 from virtual.zenoh_agent import AgentSession
 from virtual.zenoh_network import ZenohNetwork

@@ -14,8 +14,8 @@ from linked_fleet_agent.mesh_files import MeshError
 from linked_fleet_agent.transport import Session
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS, HEARTBEAT_S
-from linked_fleet_gateway.link.heartbeat import Heartbeat
-from linked_fleet_gateway.link.transport import Answer
+from linked_fleet_link.heartbeat import Heartbeat
+from linked_fleet_link.transport import Answer
 from serving import until
 from virtual.zenoh_agent import AgentSession
 

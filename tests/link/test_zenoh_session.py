@@ -11,9 +11,9 @@ import pytest
 from link.parts import Zenoh
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.transport import HEARTBEAT_S
-from linked_fleet_gateway.link.fleet_link import FleetLink
-from linked_fleet_gateway.link.transport import LinkError
-from linked_fleet_gateway.link.zenoh_session import ZenohSession, open_session
+from linked_fleet_link.fleet_link import FleetLink
+from linked_fleet_link.transport import LinkError
+from linked_fleet_link.zenoh_session import ZenohSession, open_session
 from running import free_port
 from serving import until
 

@@ -17,8 +17,8 @@ from websockets.asyncio.client import connect as client
 from certificates import made
 from linked_fleet_gateway.http.event_stream import serve_event_stream
 from linked_fleet_gateway.http.websocket import serve_websocket
-from linked_fleet_gateway.runtime.background import supervised
 from linked_fleet_gateway.subscriptions.broadcast import Message
+from linked_fleet_runtime.background import supervised
 from linked_fleet_server.connection_limits import HIGH_WATER_BYTES, Sockets
 from linked_fleet_server.protocol import HTTP, HttpProtocol
 from linked_fleet_server.tls import HANDSHAKE_S, Certificate, tls_protocol_factory, unsent_bytes

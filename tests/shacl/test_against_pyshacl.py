@@ -8,9 +8,9 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.rdf.graph import Graph, integer
-from linked_fleet_gateway.rdf.shapes import load_turtle
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, VOM, XSD
+from linked_fleet_rdf.graph import Graph, integer
+from linked_fleet_rdf.shapes import load_turtle
+from linked_fleet_rdf.vocabulary import HYBRIT, LF, VOM, XSD
 from linked_fleet_shacl import compile_graph
 from linked_fleet_shacl.check import MOST
 from linked_fleet_shacl.terms import RDF, RDFS, SHACL, Node, Term

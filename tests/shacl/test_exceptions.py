@@ -7,7 +7,7 @@ import pytest
 import rdflib
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.rdf.graph import Graph, integer
+from linked_fleet_rdf.graph import Graph, integer
 from linked_fleet_shacl import Data, Unsupported, compile_graph, compile_shape
 from linked_fleet_shacl.terms import SHACL, XSD, Term
 from shacl_findings import EX, compiled_finds, turtle, unrepaired_pyshacl_finds

@@ -3,8 +3,8 @@
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.rdf.graph import integer
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES, VOM
+from linked_fleet_rdf.graph import integer
+from linked_fleet_rdf.vocabulary import PREFIXES, VOM
 from linked_fleet_shacl import Data, Violation, compile_shape, report
 from linked_fleet_shacl.report import TermTexts, shortened
 from linked_fleet_shacl.terms import SHACL, XSD

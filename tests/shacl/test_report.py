@@ -9,8 +9,8 @@ import rdflib
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from graphs import graph_of
-from linked_fleet_gateway.rdf.graph import integer
-from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES, VOM
+from linked_fleet_rdf.graph import integer
+from linked_fleet_rdf.vocabulary import LF, PREFIXES, VOM
 from linked_fleet_shacl import CompiledShape, Data, Violation, compile_shape, report
 from linked_fleet_shacl.check import MOST
 from linked_fleet_shacl.terms import SHACL, XSD, Term

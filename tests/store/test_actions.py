@@ -8,7 +8,7 @@ import pytest
 
 from linked_fleet_gateway.actions.redis_scripts import Keys
 from linked_fleet_gateway.actions.store import RETENTION_S, ActionStore
-from linked_fleet_gateway.fleet.invocations import InvocationState
+from linked_fleet_state.invocations import InvocationState
 from redis_backends import Backend, opened
 from store_samples import an_invocation, ended, until
 

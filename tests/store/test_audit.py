@@ -8,8 +8,8 @@ from collections.abc import Iterator
 import pytest
 from msgspec.structs import replace
 
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.api import RequestEvent
-from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.audit import log as audit_module
 from linked_fleet_gateway.extensions.audit import search as search_module
 from linked_fleet_gateway.extensions.audit.entry import AuditEntry

@@ -7,8 +7,8 @@ from collections.abc import Iterator
 
 import pytest
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.runtime.redis import Connection, InvalidUrl
+from linked_fleet_base.errors import RedisUnavailable
+from linked_fleet_runtime.redis import Connection, InvalidUrl
 from redis_backends import Backend, opened
 from store_samples import closing, served
 

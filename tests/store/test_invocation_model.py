@@ -12,6 +12,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, MultipleResults, RuleBasedStateMachine, invariant, multiple, precondition, rule
 
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.actions import store as store_module
 from linked_fleet_gateway.actions.redis_scripts import Keys
 from linked_fleet_gateway.actions.store import (
@@ -22,8 +23,7 @@ from linked_fleet_gateway.actions.store import (
     LeaseNotHeld,
     MotionLimitReached,
 )
-from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
+from linked_fleet_state.invocations import FLEET, Invocation, InvocationState
 from redis_backends import Backend, Memory, hold_to
 from store_samples import an_invocation, served
 

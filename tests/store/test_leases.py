@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.actions.redis_scripts import Keys
 from linked_fleet_gateway.actions.store import ActionStore, LeaseHeld, News
-from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.fleet.invocation import Priority
-from linked_fleet_gateway.fleet.invocations import FLEET
+from linked_fleet_state.invocation import Priority
+from linked_fleet_state.invocations import FLEET
 from redis_backends import Backend, opened
 from running import PATIENCE_S
 from store_samples import an_invocation, ended, served, until

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from linked_fleet_gateway.base.errors import ContainerFull
-from linked_fleet_gateway.base.faults import Faults
+from linked_fleet_base.errors import ContainerFull
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, decode, encode
 from linked_fleet_gateway.extensions.world.service import stored_objects
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.runtime.table import Changed, Full, StoredRecords, Table, digest
+from linked_fleet_runtime.table import Changed, Full, StoredRecords, Table, digest
+from linked_fleet_state.model import Pose
 from redis_backends import Backend
 from store_samples import until
 

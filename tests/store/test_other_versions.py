@@ -12,9 +12,9 @@ from linked_fleet_gateway.actions import owed_stop_table
 from linked_fleet_gateway.actions import store as invocations
 from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.extensions.world import scene
-from linked_fleet_gateway.fleet.owed_stops import OwedStop
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState
 from linked_fleet_gateway.subscriptions import records
+from linked_fleet_state.owed_stops import OwedStop
 from store_samples import a_rule, a_subscription, an_invocation
 
 OBJECT = msgspec.convert(

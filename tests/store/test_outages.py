@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.rule import RuleRecord
 from linked_fleet_gateway.extensions.rules.store import RuleStore
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey

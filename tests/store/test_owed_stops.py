@@ -8,7 +8,7 @@ import pytest
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Stop
 from linked_fleet_gateway.actions.redis_scripts import Keys
 from linked_fleet_gateway.actions.store import RETENTION_S, ActionStore
-from linked_fleet_gateway.fleet.owed_stops import OwedStop
+from linked_fleet_state.owed_stops import OwedStop
 from redis_backends import Backend, opened
 
 HOSTILE = ["arm 2/left", "@fleet", "}{", "..", "später", "x\r\nFLUSHALL\r\n", "\0", "*", "a" * 128]

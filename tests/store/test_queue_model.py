@@ -13,7 +13,7 @@ import pytest
 from hypothesis import strategies as st
 from hypothesis.stateful import Bundle, RuleBasedStateMachine, initialize, invariant, precondition, rule
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
 from linked_fleet_gateway.subscriptions.records import read_entry
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import Delivery, Kind
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
 from linked_fleet_gateway.subscriptions.store import SubscriptionStore

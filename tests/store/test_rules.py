@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules import store as store_module
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full, Lost, RuleStore

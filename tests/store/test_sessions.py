@@ -7,11 +7,11 @@ from contextlib import aclosing
 
 import pytest
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.sessions import service
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import Session, new_session
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey
-from linked_fleet_gateway.identity.rights import TokenHash
+from linked_fleet_identity.rights import TokenHash
 from redis_backends import Backend, opened
 from store_samples import served
 

@@ -21,8 +21,8 @@ from linked_fleet_agent.wire.messages import Description
 from linked_fleet_gateway.extensions.models.geometry import file_name
 from linked_fleet_gateway.extensions.world.messages import CheckFailed, MeshesMissing, Prepare, PrepareMesh, Ready
 from linked_fleet_gateway.extensions.world.worker import Worker
-from linked_fleet_gateway.fleet.events import Appeared, Described
-from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_state.events import Appeared, Described
+from linked_fleet_state.fleet import Fleet
 
 _MINUTES = 30
 _TESTS = Path(__file__).parents[1]

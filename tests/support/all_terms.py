@@ -4,7 +4,7 @@ from importlib import import_module
 from pathlib import Path
 
 import linked_fleet_gateway.extensions
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.vocabulary import LF as CORE
 
 _FILES = [
     each

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from browser import Browser
 from issuer import AUDIENCE, CLIENT, SECRET, Issuer
-from linked_fleet_gateway.identity.__main__ import new_token
+from linked_fleet_identity.__main__ import new_token
 from running import Process, eventually, process
 from small_fleet import Place, live
 

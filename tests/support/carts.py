@@ -7,9 +7,9 @@ from linked_fleet_agent.planar import Pose, Velocity
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.serving import Live
+from linked_fleet_state.events import Appeared, Described, Framed
+from linked_fleet_state.robot import Robot
 
 _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 

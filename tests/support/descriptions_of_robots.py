@@ -6,10 +6,10 @@ from pathlib import Path
 from linked_fleet_agent.robots.catalogue import UnavailableError, load
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
-from linked_fleet_gateway.fleet.events import Appeared, Described
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.model import Joint
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.events import Appeared, Described
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.model import Joint
+from linked_fleet_state.robot import Robot
 
 INERTIAL = '<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" iyz="0"/></inertial>'
 BAR = '<geometry><box size="0.02 0.02 0.6"/></geometry>'

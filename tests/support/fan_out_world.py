@@ -14,16 +14,16 @@ import pytest
 from fake_robots import joint, link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
-from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.subscription import Kind, Subscription
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.subscriptions import fan_out
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.watcher import Timer, Watcher
+from linked_fleet_identity.rights import View
+from linked_fleet_state.events import Appeared, Described, Event, Framed
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
 
 BASE = "http://fleet.example"
 URDF = robot(link("base"), link("tip"), joint("elbow", "revolute", "base", "tip"))

@@ -13,7 +13,7 @@ from linked_fleet_agent.wire.kinds import KINDS
 from linked_fleet_agent.wire.schema import Schema
 from linked_fleet_gateway.extensions.components.part import ComponentPart
 from linked_fleet_gateway.extensions.components.state import RobotState
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.robot import Robot
 
 LF = "https://w3id.org/linked-fleet#"
 JAMMED = Component(

@@ -8,25 +8,25 @@ import pytest
 from fake_robots import link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
+from linked_fleet_base.contributions import set_present
 from linked_fleet_gateway.actions.action_handlers import HANDLERS, Plan
 from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.plan import ActionRequest, robot_time
 from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
-from linked_fleet_gateway.base.contributions import set_present
 from linked_fleet_gateway.extensions.reach.can_reach import LF
 from linked_fleet_gateway.extensions.reach.extension import reach
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import parse
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Invoke
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import parse
+from linked_fleet_rdf.vocabulary import PREFIXES
+from linked_fleet_state.events import Appeared, Described, Framed
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
+from linked_fleet_state.robot import Robot
 
 EVERY_EXTENSION = contributions_of(BUILT_IN)
 set_present(EVERY_EXTENSION)  # test cases are generated during collection

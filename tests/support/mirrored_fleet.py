@@ -9,10 +9,10 @@ from linked_fleet_agent.wire.messages import Base, State
 from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror
 from linked_fleet_gateway.extensions.query.messages import News, QueryRequest, decode_ask, encode
 from linked_fleet_gateway.extensions.query.process import Feed
-from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Vanished
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_state.answers import DescriptionAndComponents
+from linked_fleet_state.events import Appeared, Described, Framed, Vanished
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
 
 URDF = robot(
     link("base"), link("arm"), link("hand", inertial=False), link("tip"),

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 from pyoxigraph import BlankNode, CanonicalizationAlgorithm, Dataset, NamedNode, Quad, Store, Triple
 
 from linked_fleet_gateway.extensions.query.rdf_mirror import RdfMirror
-from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import lease_path, robot_path
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_rdf.graph import Graph
 from mirrored_fleet import MirroredFleet
 
 BASE = "http://fleet.example"

@@ -26,17 +26,17 @@ from linked_fleet_gateway.extensions.world.map_yaml import read_yaml
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.resources import resolve_world
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
-from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected
-from linked_fleet_gateway.fleet.fleet import DESCRIPTION_WAIT_NS, Fleet
-from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState, Lease
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT
 from linked_fleet_gateway.resources.branches import NO_BRANCHES, FleetBranch
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.vocabulary import HYBRIT
+from linked_fleet_state.events import Appeared, Described, DescriptionRejected
+from linked_fleet_state.fleet import DESCRIPTION_WAIT_NS, Fleet
+from linked_fleet_state.invocation import FLEET, Invocation, InvocationState, Lease
+from linked_fleet_state.invocations import Invocations
+from linked_fleet_state.model import Pose
 
 BASE = "http://example.org"
 _NOW_NS = 1_700_000_000_000_000_000

@@ -20,7 +20,7 @@ from pyshacl.constraints.core import value_range_constraints
 from pyshacl.pytypes import SHACLExecutor
 from pyshacl.shapes_graph import ShapesGraph
 
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_rdf.vocabulary import PREFIXES
 from linked_fleet_shacl import CompiledGraph, Data, compile_shape, report
 from linked_fleet_shacl.terms import RDF, SHACL, XSD, Namespace, Node, Term
 

@@ -8,11 +8,11 @@ from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Any, Protocol, TypeVar
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.rule import Rule
-from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.resources.subscription import Kind, Record, Subscription
 from linked_fleet_gateway.subscriptions.store import OutgoingMessage, SubscriptionStore
+from linked_fleet_state.invocations import Invocation, InvocationState
 from running import PATIENCE_S
 
 T = TypeVar("T")

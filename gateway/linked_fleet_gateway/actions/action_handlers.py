@@ -6,13 +6,13 @@ from collections.abc import Callable, Mapping
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import Expectation, Follow, Move
+from linked_fleet_base.errors import Conflict, UnprocessableContent
 from linked_fleet_gateway.actions.operations import Operation
 from linked_fleet_gateway.actions.plan import ActionRequest, DeferredPlan, Halt, Motion
-from linked_fleet_gateway.base.errors import Conflict, UnprocessableContent
-from linked_fleet_gateway.fleet.model import Joint, JointKind
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.annotations import named_poses
+from linked_fleet_rdf.graph import Node
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_state.model import Joint, JointKind
 
 _SETTLING = 2e-4  # rad or m: a joint at its limit may be measured this far beyond it
 

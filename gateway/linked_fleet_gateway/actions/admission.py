@@ -5,10 +5,12 @@ from collections.abc import Sequence
 
 from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.fleet.robot_cache import RobotCache
-from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.validation import (
+from linked_fleet_base.errors import UnprocessableContent
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.annotations import named_poses
+from linked_fleet_gateway.resources.body_values import Body, own_statements
+from linked_fleet_rdf.graph import Graph, Node
+from linked_fleet_rdf.validation import (
     ShaclValidator,
     Terms,
     check_writable,
@@ -17,10 +19,8 @@ from linked_fleet_gateway.rdf.validation import (
     statements_by_subject,
     unused_statements,
 )
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
-from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.annotations import named_poses
-from linked_fleet_gateway.resources.body_values import Body, own_statements
+from linked_fleet_rdf.vocabulary import HYBRIT, LF, MATHS, QUDT, RDF, ROS, SPATIAL, VOM
+from linked_fleet_state.robot_cache import RobotCache
 
 _OWN = (HYBRIT, LF, MATHS, QUDT, ROS, SPATIAL, VOM)
 """The vocabularies of actions."""

@@ -11,10 +11,10 @@ from linked_fleet_gateway.actions.operations import Operation
 from linked_fleet_gateway.actions.plan import ActionRequest, Caller, DeferredPlan, Halt, Motion, RobotTime, robot_time
 from linked_fleet_gateway.actions.rehearsals import Rehearsal
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.body_values import Body, input_ntriples
+from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.robot import Robot
 
 
 def empty_body(offer: Offer, base: str) -> Body:

@@ -6,13 +6,13 @@ from typing import Protocol
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_base.errors import Busy, MotionRefused, NotReadYet
 from linked_fleet_gateway.actions.plan import Caller, Motion, slowed
-from linked_fleet_gateway.base.errors import Busy, MotionRefused, NotReadYet
-from linked_fleet_gateway.fleet.kept_plan import KeptPlan
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
-from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.runtime.replica import Copies
+from linked_fleet_identity.rights import View
+from linked_fleet_runtime.replica import Copies
+from linked_fleet_state.kept_plan import KeptPlan
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.unchecked import Finding, UncheckedLink
 
 
 class MotionGuard(Protocol):

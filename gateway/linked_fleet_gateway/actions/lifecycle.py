@@ -12,17 +12,17 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Progress, Refused, Reply, Stop
+from linked_fleet_base.errors import AgentTimeout, Conflict
 from linked_fleet_gateway.actions.refusals import unanswered_stop
 from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.base.errors import AgentTimeout, Conflict
-from linked_fleet_gateway.fleet.invocation import NOT_BEGUN, has_ended, reported_state
-from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.resources.invocation import invocation_path
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
-from linked_fleet_gateway.runtime.metrics import CommandMetrics
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_runtime.background import cancel_tasks, supervised
+from linked_fleet_runtime.metrics import CommandMetrics
+from linked_fleet_state.invocation import NOT_BEGUN, has_ended, reported_state
+from linked_fleet_state.invocations import FLEET, Invocation, InvocationState
 
 log = logging.getLogger(__name__)
 

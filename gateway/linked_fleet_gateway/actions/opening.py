@@ -2,14 +2,14 @@
 
 from dataclasses import replace
 
+from linked_fleet_base.errors import Conflict, RedisUnavailable
 from linked_fleet_gateway.actions.lifecycle import Lifecycle
 from linked_fleet_gateway.actions.plan import Caller
 from linked_fleet_gateway.actions.refusals import MotionQuota, raise_first_refusal, translate_store_errors
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore, MotionLimitReached
-from linked_fleet_gateway.base.errors import Conflict, RedisUnavailable
-from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.invocations import Invocation, InvocationState
+from linked_fleet_state.robot import Robot
 
 
 class Opening:

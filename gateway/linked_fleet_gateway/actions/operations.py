@@ -15,18 +15,18 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 from pyoxigraph import Triple
 
+from linked_fleet_base.errors import FleetError, Offline, OperationTimeout
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
 from linked_fleet_gateway.actions.opening import Opening
 from linked_fleet_gateway.actions.plan import Caller
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import kept_token
-from linked_fleet_gateway.base.errors import FleetError, Offline, OperationTimeout
-from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, Node
 from linked_fleet_gateway.resources.invocation import output_ntriples
-from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_rdf.graph import Graph, Node
+from linked_fleet_runtime.background import cancel_tasks
+from linked_fleet_state.invocations import FLEET, Invocation, InvocationState
+from linked_fleet_state.robot import Robot
 
 log = logging.getLogger(__name__)
 

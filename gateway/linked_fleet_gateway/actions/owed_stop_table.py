@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 import msgspec
 
 from linked_fleet_gateway.actions.redis_scripts import robot_from_tag, robot_tag
-from linked_fleet_gateway.fleet.owed_stops import MAX_OF_ONE, MAX_ROBOTS, Key, OwedStop
-from linked_fleet_gateway.runtime.redis import Connection
+from linked_fleet_runtime.redis import Connection
+from linked_fleet_state.owed_stops import MAX_OF_ONE, MAX_ROBOTS, Key, OwedStop
 
 _log = logging.getLogger(__name__)
 _MAX_BYTES = 512 * 1024  # of an entry: more than a stop can have

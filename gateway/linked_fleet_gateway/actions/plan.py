@@ -9,14 +9,14 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.components import COMPONENTS_VERSION, Operate
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command, Expectation, Follow, Move
-from linked_fleet_gateway.base.errors import Offline
-from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
-from linked_fleet_gateway.fleet.jogging import JointDrive
-from linked_fleet_gateway.fleet.model import Joint, RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import ALL, EVERYBODY, Identity, View
+from linked_fleet_base.errors import Offline
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.paths import joint_or_link, robot_path
+from linked_fleet_identity.rights import ALL, EVERYBODY, Identity, View
+from linked_fleet_state.driving import Drive, FollowedPath
+from linked_fleet_state.jogging import JointDrive
+from linked_fleet_state.model import Joint, RobotModel
+from linked_fleet_state.robot import Robot
 
 
 class RobotTime(Struct, frozen=True):

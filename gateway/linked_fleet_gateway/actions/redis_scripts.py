@@ -13,7 +13,7 @@ import re
 from dataclasses import dataclass
 
 from linked_fleet_agent.wire.keys import escape, unescape
-from linked_fleet_gateway.fleet.invocations import FLEET
+from linked_fleet_state.invocations import FLEET
 
 _NAMESPACE = re.compile(r"[A-Za-z0-9_./-]+")
 _FLEET_TAG = "@fleet"  # no robot has it, because escaped names do not contain this sign

@@ -13,8 +13,7 @@ from datetime import UTC, datetime
 from typing import cast
 
 from linked_fleet_agent.wire.messages import RefusalCode, Refused
-from linked_fleet_gateway.actions.store import KeyReused, LeaseHeld, LeaseNotHeld
-from linked_fleet_gateway.base.errors import (
+from linked_fleet_base.errors import (
     AgentTimeout,
     Changed,
     Conflict,
@@ -25,11 +24,12 @@ from linked_fleet_gateway.base.errors import (
     StopUnanswered,
     TooManyInvocations,
 )
-from linked_fleet_gateway.base.errors import KeyReused as KeyReusedError
-from linked_fleet_gateway.fleet.invocation import NOT_BEGUN
-from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_base.errors import KeyReused as KeyReusedError
+from linked_fleet_gateway.actions.store import KeyReused, LeaseHeld, LeaseNotHeld
 from linked_fleet_gateway.resources.invocation import invocation_path
+from linked_fleet_state.invocation import NOT_BEGUN
+from linked_fleet_state.invocations import Invocation, Invocations
+from linked_fleet_state.robot import Robot
 
 
 def required_lease_id(robot: Robot) -> str:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field, replace
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Follow, Move, Refused, Stop
+from linked_fleet_base.errors import AgentTimeout, Changed, Conflict
 from linked_fleet_gateway.actions.guards import Guards, limited, unchecked
 from linked_fleet_gateway.actions.lifecycle import Lifecycle
 from linked_fleet_gateway.actions.opening import Opening
@@ -16,20 +17,19 @@ from linked_fleet_gateway.actions.operations import Operation, describe_nothing
 from linked_fleet_gateway.actions.plan import Act, Caller, Halt, Motion, build_command
 from linked_fleet_gateway.actions.refusals import StallDetector, agent_refusal, required_lease_id
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
-from linked_fleet_gateway.base.errors import AgentTimeout, Changed, Conflict
-from linked_fleet_gateway.fleet.closest import Closest
-from linked_fleet_gateway.fleet.invocations import FLEET
-from linked_fleet_gateway.fleet.kept_plan import KeptPlan
-from linked_fleet_gateway.fleet.pace import duration_s
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.link.fleet_link import NoAnswer
-from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.invocation import describe_path
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_identity.rights import View
+from linked_fleet_link.fleet_link import NoAnswer
+from linked_fleet_rdf.graph import Graph, Node
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_state.closest import Closest
+from linked_fleet_state.invocations import FLEET
+from linked_fleet_state.kept_plan import KeptPlan
+from linked_fleet_state.pace import duration_s
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.unchecked import UncheckedLink
 
 
 @dataclass(frozen=True)

@@ -10,19 +10,19 @@ from types import TracebackType
 from typing import Self
 
 from linked_fleet_agent.wire.messages import Progress
+from linked_fleet_base.errors import Controlled, RedisUnavailable
 from linked_fleet_gateway.actions.refusals import translate_store_errors
 from linked_fleet_gateway.actions.stop_delivery import StopDelivery
 from linked_fleet_gateway.actions.store import ActionStore, News
-from linked_fleet_gateway.base.errors import Controlled, RedisUnavailable
-from linked_fleet_gateway.fleet.invocation import Lease, Priority
-from linked_fleet_gateway.fleet.invocations import Invocation
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.resources.invocation import invocation_path
 from linked_fleet_gateway.resources.paths import lease_path
-from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
-from linked_fleet_gateway.runtime.redis import GATHER_S
-from linked_fleet_gateway.runtime.replica import Loading, Replica, follow_changes
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_runtime.background import cancel_tasks, run_last_step, supervised
+from linked_fleet_runtime.redis import GATHER_S
+from linked_fleet_runtime.replica import Loading, Replica, follow_changes
+from linked_fleet_state.invocation import Lease, Priority
+from linked_fleet_state.invocations import Invocation
+from linked_fleet_state.robot import Robot
 
 log = logging.getLogger(__name__)
 

@@ -13,6 +13,7 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.components import Operate
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Command, Refused, Reply, Stop
+from linked_fleet_base.errors import Busy, FleetError, MotionRefused, Unimplemented
 from linked_fleet_gateway.actions.action_handlers import HANDLERS, Handler, Plan
 from linked_fleet_gateway.actions.guards import Guards, Paths, limited, unchecked
 from linked_fleet_gateway.actions.lifecycle import REPORT_TIMEOUT_S, Lifecycle
@@ -40,13 +41,12 @@ from linked_fleet_gateway.actions.refusals import (
 from linked_fleet_gateway.actions.rehearsals import Rehearsals
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.actions.store import ActionStore
-from linked_fleet_gateway.base.errors import Busy, FleetError, MotionRefused, Unimplemented
-from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, InvocationState
-from linked_fleet_gateway.link.fleet_link import NoAnswer
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.invocation import invocation_path
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_link.fleet_link import NoAnswer
+from linked_fleet_runtime.background import cancel_tasks, supervised
+from linked_fleet_state.invocations import FLEET, Invocation, InvocationState
 
 log = logging.getLogger(__name__)
 

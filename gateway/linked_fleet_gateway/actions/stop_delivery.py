@@ -16,10 +16,10 @@ from typing import Self
 from linked_fleet_agent.wire.messages import Accepted, Refused, Reply, Stop
 from linked_fleet_gateway.actions.owed_stop_table import OwedStopTable
 from linked_fleet_gateway.actions.refusals import name_some, owed_stop_refusal
-from linked_fleet_gateway.fleet.owed_stops import Key, OwedStop, OwedStops
-from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_identity.rights import View
+from linked_fleet_runtime.background import cancel_tasks, run_last_step, supervised
+from linked_fleet_state.owed_stops import Key, OwedStop, OwedStops
 
 log = logging.getLogger(__name__)
 

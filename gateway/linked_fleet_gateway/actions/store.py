@@ -20,11 +20,11 @@ import msgspec
 from linked_fleet_gateway.actions import redis_scripts as scripts
 from linked_fleet_gateway.actions.owed_stop_table import OwedStopTable
 from linked_fleet_gateway.actions.redis_scripts import Keys, robot_from_tag, robot_tag, text_hash
-from linked_fleet_gateway.fleet.invocation import Lease, Priority
-from linked_fleet_gateway.fleet.invocations import MAX_TERMINAL, Invocation
-from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
-from linked_fleet_gateway.runtime.redis import GATHER_S, Connection, eval_command, raise_pending_cancellation
-from linked_fleet_gateway.runtime.redis_exchange import Command
+from linked_fleet_runtime.background import cancel_tasks, run_last_step, supervised
+from linked_fleet_runtime.redis import GATHER_S, Connection, eval_command, raise_pending_cancellation
+from linked_fleet_runtime.redis_exchange import Command
+from linked_fleet_state.invocation import Lease, Priority
+from linked_fleet_state.invocations import MAX_TERMINAL, Invocation
 
 __all__ = [
     "RETENTION_S",

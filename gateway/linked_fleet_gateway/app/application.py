@@ -10,6 +10,7 @@ from pathlib import Path
 
 from starlette.applications import Starlette
 
+from linked_fleet_base.contributions import set_present
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.extensions import (
@@ -21,7 +22,6 @@ from linked_fleet_gateway.app.extensions import (
 )
 from linked_fleet_gateway.app.metrics import MetricsCollector, Sampler, create_registry
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.base.contributions import set_present
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.entrance import Entrance, cors_middleware
 from linked_fleet_gateway.http.extension import Core
@@ -29,23 +29,23 @@ from linked_fleet_gateway.http.forwarding import Authorities
 from linked_fleet_gateway.http.request import Gateway, Services
 from linked_fleet_gateway.http.request_events import RequestEvents
 from linked_fleet_gateway.http.scheduling import StopPriority, TokenBuckets
-from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.link.transport import Opener
-from linked_fleet_gateway.link.zenoh_session import open_session as open_zenoh
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, SUBSCRIPTIONS, VOCABULARY, added_files, load_turtle
-from linked_fleet_gateway.rdf.vocabulary import LF, RDF, SH
 from linked_fleet_gateway.resources.action_offer import CONDITIONS, action_definitions
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
-from linked_fleet_gateway.runtime.metrics import RequestMetrics
-from linked_fleet_gateway.runtime.store_marker import LOST_DATA, StoreMarker
-from linked_fleet_gateway.runtime.tracing import Tracing
 from linked_fleet_gateway.subscriptions.callbacks import EntitlementCheck
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions, new_run_name
 from linked_fleet_gateway.subscriptions.store import SubscriptionStore
+from linked_fleet_identity.rights import View
+from linked_fleet_identity.service import Identities
+from linked_fleet_link.transport import Opener
+from linked_fleet_link.zenoh_session import open_session as open_zenoh
+from linked_fleet_rdf.graph import Node
+from linked_fleet_rdf.shapes import ACTIONS, BLUEPRINTS, SUBSCRIPTIONS, VOCABULARY, added_files, load_turtle
+from linked_fleet_rdf.vocabulary import LF, RDF, SH
+from linked_fleet_runtime.metrics import RequestMetrics
+from linked_fleet_runtime.store_marker import LOST_DATA, StoreMarker
+from linked_fleet_runtime.tracing import Tracing
 from linked_fleet_server.connection_limits import Sockets, limit_to_file_descriptors
 from linked_fleet_shacl import Compiler, Unsupported
 from linked_fleet_valkey.server import EmbeddedRedis

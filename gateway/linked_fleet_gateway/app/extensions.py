@@ -17,18 +17,18 @@ from pathlib import Path
 from typing import TypeGuard
 
 import linked_fleet_gateway.extensions
+from linked_fleet_base.contributions import CORE_AT_ROOT, CORE_IN_ROBOT, Contributions, using
+from linked_fleet_base.errors import MotionRefused
+from linked_fleet_base.settings import TEXTS, Section, setting
 from linked_fleet_gateway.actions.plan import Motion
-from linked_fleet_gateway.base.contributions import CORE_AT_ROOT, CORE_IN_ROBOT, Contributions, using
-from linked_fleet_gateway.base.errors import MotionRefused
-from linked_fleet_gateway.base.settings import TEXTS, Section, setting
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.http.representation import Representations
-from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, load_turtle_file
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.action_offer import action_definitions
 from linked_fleet_gateway.resources.html import NavigationEntry
+from linked_fleet_identity.rights import View
+from linked_fleet_rdf.shapes import ACTIONS, BLUEPRINTS, VOCABULARY, load_turtle_file
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_state.robot import Robot
 
 log = logging.getLogger(__name__)
 GROUP = "linked_fleet.extensions"

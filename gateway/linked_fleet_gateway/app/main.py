@@ -16,12 +16,12 @@ from linked_fleet_agent.spans import TracingUnavailable
 from linked_fleet_agent.wire.trust import is_loopback, unauthenticated_endpoints
 from linked_fleet_gateway.app.application import create_app, create_sockets
 from linked_fleet_gateway.app.settings import GatewaySettings, exposure_problems
-from linked_fleet_gateway.identity.roster import BadRoster
-from linked_fleet_gateway.link.transport import LinkError
-from linked_fleet_gateway.runtime.background import supervised
-from linked_fleet_gateway.runtime.log import configure_logging
-from linked_fleet_gateway.runtime.redis import InvalidUrl
-from linked_fleet_gateway.runtime.tracing import Tracing, open_tracing
+from linked_fleet_identity.roster import BadRoster
+from linked_fleet_link.transport import LinkError
+from linked_fleet_runtime.background import supervised
+from linked_fleet_runtime.log import configure_logging
+from linked_fleet_runtime.redis import InvalidUrl
+from linked_fleet_runtime.tracing import Tracing, open_tracing
 from linked_fleet_server.server import Server
 from linked_fleet_server.tls import CHECK_S, Certificate
 from linked_fleet_shacl import Unsupported

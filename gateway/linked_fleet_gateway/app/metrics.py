@@ -17,11 +17,11 @@ from prometheus_client.metrics_core import CounterMetricFamily, HistogramMetricF
 from prometheus_client.registry import Collector
 
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.runtime.background import cancel_tasks, supervised, time_sliced
-from linked_fleet_gateway.runtime.metrics import PREFIX, Histogram, RequestMetrics, counter, gauge, gauges, histogram
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_runtime.background import cancel_tasks, supervised, time_sliced
+from linked_fleet_runtime.metrics import PREFIX, Histogram, RequestMetrics, counter, gauge, gauges, histogram
+from linked_fleet_state.fleet import Fleet
 from linked_fleet_valkey.server import EmbeddedRedis
 
 log = logging.getLogger(__name__)

@@ -12,8 +12,7 @@ from pathlib import Path
 
 from linked_fleet_agent.wire.keys import Keys as ZenohKeys
 from linked_fleet_agent.wire.trust import Credentials
-from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, enabled_extensions, foreign_extensions
-from linked_fleet_gateway.base.settings import (
+from linked_fleet_base.settings import (
     FILE,
     NETWORKS,
     ON_OFF,
@@ -33,9 +32,10 @@ from linked_fleet_gateway.base.settings import (
     text_matching,
     whole_number,
 )
-from linked_fleet_gateway.link.zenoh_session import trust
-from linked_fleet_gateway.runtime.log import LOG_FORMATS
+from linked_fleet_gateway.app.extensions import BUILT_IN, ExtensionSettings, enabled_extensions, foreign_extensions
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
+from linked_fleet_link.zenoh_session import trust
+from linked_fleet_runtime.log import LOG_FORMATS
 
 EXPOSURES = ("plain-http", "anonymous", "plain-zenoh")
 """Words of LINKED_FLEET_ALLOW, each of which waives one requirement."""

@@ -16,21 +16,21 @@ from operator import is_not
 from starlette.responses import Response
 from starlette.types import Scope
 
-from linked_fleet_gateway.fleet.observation import Observation
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.arrival import Arrival, arrival_of
 from linked_fleet_gateway.http.negotiation import GZIP, accepts_gzip, coded_tag, compress, decompress, is_compressible
 from linked_fleet_gateway.http.representation import etag, not_modified
-from linked_fleet_gateway.identity.rights import View
-from linked_fleet_gateway.rdf.templates import Document, Template
 from linked_fleet_gateway.resources.branches import Branches
 from linked_fleet_gateway.resources.description import MeasuredDescription
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.templates import Rendering
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_identity.rights import View
+from linked_fleet_rdf.templates import Document, Template
 from linked_fleet_server.exchange import Reply
 from linked_fleet_server.message_heads import FieldLines, field_block
+from linked_fleet_state.observation import Observation
+from linked_fleet_state.robot import Robot
 
 log = logging.getLogger(__name__)
 

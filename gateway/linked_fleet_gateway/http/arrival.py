@@ -11,7 +11,7 @@ from typing import Protocol
 from starlette.responses import Response
 from starlette.types import Receive, Scope
 
-from linked_fleet_gateway.identity.rights import EVERYBODY, Identity
+from linked_fleet_identity.rights import EVERYBODY, Identity
 from linked_fleet_server.message_heads import FIELDS, join_fields
 
 

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Final
 
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.robot import Robot
 
 AWAIT_S: Final = 120.0
 """Seconds after the start of a gateway in which streams wait for robots."""

@@ -5,13 +5,13 @@ from collections.abc import Awaitable, Callable
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.http.event_stream import HEARTBEAT_S, OPENING, STREAM_FIELDS, comment
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import bucket_key
 from linked_fleet_gateway.http.streams import EventStream, wants_events
-from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.resources.paths import robot_of
+from linked_fleet_identity.rights import Right
 from linked_fleet_server.protocol import HTTP, HttpProtocol
 
 _PAUSE_S = 1.0

@@ -7,17 +7,17 @@ from typing import TYPE_CHECKING, TypeVar
 from pyoxigraph import NamedNode, Triple
 from starlette.requests import ClientDisconnect
 
-from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
+from linked_fleet_base.errors import BadRequest, PayloadTooLarge, UnsupportedMediaType
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.negotiation import parse_content_type
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import LONG_BYTES, Offload
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.affordance import BODY_TYPES
 from linked_fleet_gateway.resources.form import DeclaredForm
 from linked_fleet_rdf.json_input import InputTooLargeError
 from linked_fleet_rdf.parsing import MAX_TRIPLES, ParseError, parse
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.vocabulary import PREFIXES
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.resources.form import Form

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import Message, Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import (
+from linked_fleet_base.errors import (
     FleetError,
     InsufficientScope,
     IssuerDown,
@@ -19,13 +19,13 @@ from linked_fleet_gateway.http.arrival import Arrival, Authenticated, Scheme, ar
 from linked_fleet_gateway.http.demands import refuse_demands
 from linked_fleet_gateway.http.forwarding import send_problem
 from linked_fleet_gateway.http.request import Connection, Request
-from linked_fleet_gateway.identity.issuers import BadToken, IssuerFailed
-from linked_fleet_gateway.identity.rights import NOBODY, Identity, Right
-from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.affordance import NOTHING
 from linked_fleet_gateway.resources.paths import is_public, is_shared, robot_of
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import Depth, Record
+from linked_fleet_identity.issuers import BadToken, IssuerFailed
+from linked_fleet_identity.rights import NOBODY, Identity, Right
+from linked_fleet_identity.service import Identities
 
 _SHARING = ("private", "public")
 _STARTS = ("http.response.start", "websocket.http.response.start")

@@ -8,8 +8,8 @@ from typing import Any
 from pyoxigraph import BlankNode, NamedNode, Triple
 from starlette.responses import Response
 
+from linked_fleet_base.errors import BadRequest, Conflict, InsufficientScope, NotFound
 from linked_fleet_gateway.actions.plan import Caller
-from linked_fleet_gateway.base.errors import BadRequest, Conflict, InsufficientScope, NotFound
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
 from linked_fleet_gateway.http.fields import field, parse_prefer
 from linked_fleet_gateway.http.lease_tokens import lock_token
@@ -17,14 +17,14 @@ from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.rehearsals import rehearsal_response
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import check_acceptable, created_response, read_change
-from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.validation import find_root, ground_statements, reachable_statements
 from linked_fleet_gateway.resources.affordance import FORM_TYPES
 from linked_fleet_gateway.resources.body_values import Body, managed_statements, validate_body
 from linked_fleet_gateway.resources.container import AddMember, ChangeMember, Container
 from linked_fleet_gateway.resources.invocation import describe_rehearsal
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_rdf.graph import Graph, Node
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.validation import find_root, ground_statements, reachable_statements
 
 
 async def add_member(request: Request, afforded: AddMember) -> Response:

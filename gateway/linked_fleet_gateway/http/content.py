@@ -6,7 +6,7 @@ from typing import Self
 
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import PreconditionFailed
+from linked_fleet_base.errors import PreconditionFailed
 from linked_fleet_gateway.http.negotiation import coded_tag, compress, is_compressible, preferred_coding
 from linked_fleet_gateway.http.read import READ_METHODS, accepted_codings, method_headers, resource_headers
 from linked_fleet_gateway.http.representation import etag, not_modified, precondition_holds

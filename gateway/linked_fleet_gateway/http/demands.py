@@ -6,7 +6,7 @@ before it is called, because a write that ignores them does what its client has 
 
 from collections.abc import Mapping
 
-from linked_fleet_gateway.base.errors import BadRequest, PreconditionFailed
+from linked_fleet_base.errors import BadRequest, PreconditionFailed
 from linked_fleet_gateway.http.fields import NO_PREFERENCE, Prefer, parse_prefer
 from linked_fleet_gateway.resources.affordance import EVERYTHING, Demand, EndInvocation, Honours, Invoke, honoured_by
 from linked_fleet_gateway.resources.resource import Resource

@@ -11,7 +11,7 @@ from starlette.requests import ClientDisconnect
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import (
+from linked_fleet_base.errors import (
     BadRequest,
     ContainerFull,
     FleetError,
@@ -62,7 +62,6 @@ from linked_fleet_gateway.http.subscribe import (
 from linked_fleet_gateway.http.subscription_change import change_subscription
 from linked_fleet_gateway.http.websocket import WebSocketHandler, serve_subprotocol
 from linked_fleet_gateway.http.writes import check_interaction_model, control_lease, forget_robot, put_setting
-from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.resources.affordance import (
     ChangeSubscription,
     Control,
@@ -83,6 +82,7 @@ from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.subscription_resource import container_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_identity.rights import Right
 from linked_fleet_server.exchange import Reply
 
 log = logging.getLogger(__name__)

@@ -20,7 +20,7 @@ from starlette.middleware.cors import CORSMiddleware
 from starlette.requests import Request as StarletteRequest
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import FleetError, TooManyRequests
+from linked_fleet_base.errors import FleetError, TooManyRequests
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.callers import identify, identify_static_token
 from linked_fleet_gateway.http.field_bounds import enforce_bounds, is_within_bounds
@@ -30,9 +30,9 @@ from linked_fleet_gateway.http.problem import rate_refusal
 from linked_fleet_gateway.http.request import Request, gateway_of, html_of
 from linked_fleet_gateway.http.scheduling import TokenBuckets, bucket_key, may_stop
 from linked_fleet_gateway.resources.html import HtmlWriter
-from linked_fleet_gateway.runtime.log import RequestContext, begin_request, choose_request_id
-from linked_fleet_gateway.runtime.metrics import RequestMetrics
-from linked_fleet_gateway.runtime.tracing import Tracing
+from linked_fleet_runtime.log import RequestContext, begin_request, choose_request_id
+from linked_fleet_runtime.metrics import RequestMetrics
+from linked_fleet_runtime.tracing import Tracing
 from linked_fleet_server.exchange import Reply
 
 

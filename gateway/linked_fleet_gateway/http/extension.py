@@ -13,6 +13,8 @@ from prometheus_client.metrics_core import Metric
 from pyoxigraph import Literal, NamedNode, Triple
 from starlette.types import ASGIApp
 
+from linked_fleet_base.faults import Faults
+from linked_fleet_base.settings import Section, SectionT, section
 from linked_fleet_gateway.actions.action_handlers import Handler
 from linked_fleet_gateway.actions.admission import validate_action_body
 from linked_fleet_gateway.actions.execution import invoke, rehearse
@@ -22,21 +24,12 @@ from linked_fleet_gateway.actions.plan import Caller, RobotTime
 from linked_fleet_gateway.actions.rehearsals import Rehearsal
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import kept_token, own_token
-from linked_fleet_gateway.base.faults import Faults
-from linked_fleet_gateway.base.settings import Section, SectionT, section
-from linked_fleet_gateway.fleet.functions import FleetFunctions
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.model import Link, Pose
-from linked_fleet_gateway.fleet.robot import KeptPose, Robot
 from linked_fleet_gateway.http.arrival import Scheme
 from linked_fleet_gateway.http.body import parse_form
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.request_events import RequestEvent, RequestEvents
 from linked_fleet_gateway.http.websocket import WebSocketHandler
 from linked_fleet_gateway.http.writes import PatchReader
-from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.link.incoming import Hear, OfComponents
-from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.body_values import Body
 from linked_fleet_gateway.resources.branches import Branch, RequestView
@@ -46,9 +39,16 @@ from linked_fleet_gateway.resources.html import HtmlWriter, NavigationEntry
 from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.replica import Copy
-from linked_fleet_gateway.runtime.table import MAX_RECORDS, StoredRecords, Table
 from linked_fleet_gateway.subscriptions.live import Live, name_of
+from linked_fleet_identity.service import Identities
+from linked_fleet_link.incoming import Hear, OfComponents
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_runtime.replica import Copy
+from linked_fleet_runtime.table import MAX_RECORDS, StoredRecords, Table
+from linked_fleet_state.functions import FleetFunctions
+from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.model import Link, Pose
+from linked_fleet_state.robot import KeptPose, Robot
 
 Reader = Callable[[Request, Resource, Any], Awaitable[ASGIApp]]
 """Answers GET of a resource; the last argument is its ``remote``."""

@@ -11,7 +11,7 @@ from typing import Final
 
 from starlette.types import Scope
 
-from linked_fleet_gateway.base.errors import BadRequest, FieldsTooLarge, FleetError
+from linked_fleet_base.errors import BadRequest, FieldsTooLarge, FleetError
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.scheduling import may_stop
 

@@ -14,7 +14,7 @@ from urllib.parse import unquote, urlsplit
 from starlette.datastructures import Headers
 from starlette.types import Scope
 
-from linked_fleet_gateway.base.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
+from linked_fleet_base.errors import BadRequest, FleetError, ForeignOrigin, MisdirectedRequest
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.request import html_of

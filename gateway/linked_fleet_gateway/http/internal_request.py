@@ -14,10 +14,10 @@ from urllib.parse import unquote, urlsplit
 from starlette.datastructures import Headers
 from starlette.types import Message, Scope
 
-from linked_fleet_gateway.base.errors import PROBLEM_JSON, BadRequest
+from linked_fleet_base.errors import PROBLEM_JSON, BadRequest
 from linked_fleet_gateway.http.arrival import arrival_of, create_arrival
 from linked_fleet_gateway.http.request import Connection, gateway_of
-from linked_fleet_gateway.runtime.log import current_request
+from linked_fleet_runtime.log import current_request
 
 LONGEST_REPLY: Final = 4 * 1024 * 1024
 """Default limit of the content in bytes."""

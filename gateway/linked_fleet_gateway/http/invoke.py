@@ -14,20 +14,19 @@ from typing import TYPE_CHECKING
 from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
-from linked_fleet_gateway.actions.admission import validate_action_body
-from linked_fleet_gateway.actions.execution import carry_out, empty_body, make_plan
-from linked_fleet_gateway.actions.operations import Operation
-from linked_fleet_gateway.actions.plan import Caller, Halt, Motion, RobotTime, robot_time
-from linked_fleet_gateway.actions.rehearsals import Rehearsal
-from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.base.errors import (
+from linked_fleet_base.errors import (
     AgentTimeout,
     BadRequest,
     MotionRefused,
     NotAcceptable,
     UnprocessableContent,
 )
-from linked_fleet_gateway.fleet.invocations import Invocation
+from linked_fleet_gateway.actions.admission import validate_action_body
+from linked_fleet_gateway.actions.execution import carry_out, empty_body, make_plan
+from linked_fleet_gateway.actions.operations import Operation
+from linked_fleet_gateway.actions.plan import Caller, Halt, Motion, RobotTime, robot_time
+from linked_fleet_gateway.actions.rehearsals import Rehearsal
+from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_form
 from linked_fleet_gateway.http.fields import Prefer, field, parse_prefer
 from linked_fleet_gateway.http.lease_tokens import lock_token
@@ -36,10 +35,17 @@ from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.rehearsals import rehearsal_response
 from linked_fleet_gateway.http.representation import Representation
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.identity.rights import Right
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.validation import (
+from linked_fleet_gateway.resources.access_filter import InvocationsInView
+from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.affordance import FORM_TYPES, EndInvocation, Invoke, PutTarget
+from linked_fleet_gateway.resources.body_values import Body, input_ntriples
+from linked_fleet_gateway.resources.invocation import describe_rehearsal, invocation_path
+from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_identity.rights import Right
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.validation import (
     Terms,
     find_root,
     ground_statements,
@@ -47,15 +53,9 @@ from linked_fleet_gateway.rdf.validation import (
     refuse_statements,
     unused_statements,
 )
-from linked_fleet_gateway.rdf.vocabulary import LF
-from linked_fleet_gateway.resources.access_filter import InvocationsInView
-from linked_fleet_gateway.resources.action_offer import Offer
-from linked_fleet_gateway.resources.affordance import FORM_TYPES, EndInvocation, Invoke, PutTarget
-from linked_fleet_gateway.resources.body_values import Body, input_ntriples
-from linked_fleet_gateway.resources.invocation import describe_rehearsal, invocation_path
-from linked_fleet_gateway.resources.resource import Resource
-from linked_fleet_gateway.runtime.log import child_span, current_trace
-from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_runtime.log import child_span, current_trace
+from linked_fleet_state.invocations import Invocation
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.resources.form import Form

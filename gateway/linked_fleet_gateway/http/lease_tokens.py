@@ -2,8 +2,8 @@
 
 import re
 
+from linked_fleet_base.errors import BadRequest
 from linked_fleet_gateway.actions.plan import Caller
-from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.http.demands import refuse_demands
 from linked_fleet_gateway.http.request import Connection, WebSocket
 from linked_fleet_gateway.resources.affordance import Demand

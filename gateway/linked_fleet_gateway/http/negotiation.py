@@ -14,7 +14,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
-from linked_fleet_gateway.base.errors import BadRequest, UnsupportedMediaType
+from linked_fleet_base.errors import BadRequest, UnsupportedMediaType
 from linked_fleet_gateway.http.fields import TOKEN, parameters, split
 
 _WEIGHT = re.compile(r"0(?:\.[0-9]{0,3})?|1(?:\.0{0,3})?")

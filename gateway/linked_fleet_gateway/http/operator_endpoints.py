@@ -12,11 +12,11 @@ from prometheus_client.exposition import CONTENT_TYPE_PLAIN_0_0_4, generate_late
 from starlette.requests import Request
 from starlette.responses import JSONResponse, Response
 
-from linked_fleet_gateway.base.errors import FleetError, InsufficientScope
+from linked_fleet_base.errors import FleetError, InsufficientScope
 from linked_fleet_gateway.http.callers import identify_bearer
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.request import Gateway, gateway_of, html_of
-from linked_fleet_gateway.identity.rights import Right
+from linked_fleet_identity.rights import Right
 
 
 async def live(request: Request) -> Response:

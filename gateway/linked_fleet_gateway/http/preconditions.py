@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 from functools import partial
 
-from linked_fleet_gateway.base.errors import PreconditionFailed
+from linked_fleet_base.errors import PreconditionFailed
 from linked_fleet_gateway.http.demands import stops
 from linked_fleet_gateway.http.fields import field
 from linked_fleet_gateway.http.page_context import page_context

@@ -7,13 +7,13 @@ from typing import Any
 
 from pyoxigraph import BlankNode, Literal
 
-from linked_fleet_gateway.base.errors import PROBLEM_JSON, FleetError, Statement, TooManyRequests
+from linked_fleet_base.errors import PROBLEM_JSON, FleetError, Statement, TooManyRequests
 from linked_fleet_gateway.http.negotiation import choose
-from linked_fleet_gateway.rdf.forms import FormTemplates
-from linked_fleet_gateway.rdf.graph import Graph, integer
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, PREFIXES, SH, XSD
 from linked_fleet_gateway.resources.html import HTML, NOBODY, HtmlWriter, Reader
+from linked_fleet_rdf.forms import FormTemplates
+from linked_fleet_rdf.graph import Graph, integer
+from linked_fleet_rdf.serialise import RDF_TYPES
+from linked_fleet_rdf.vocabulary import DCTERMS, LF, PREFIXES, SH, XSD
 from linked_fleet_server.exchange import Reply
 from linked_fleet_server.message_heads import field_block
 

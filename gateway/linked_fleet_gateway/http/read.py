@@ -12,7 +12,6 @@ from pyoxigraph import NamedNode
 from starlette.datastructures import MutableHeaders
 from starlette.responses import Response
 
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import CachedResponse, ReadyResponse
 from linked_fleet_gateway.http.callers import mark_private
 from linked_fleet_gateway.http.fields import Link, field, link_header, parse_prefer
@@ -33,17 +32,18 @@ from linked_fleet_gateway.http.representation import (
 )
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.writes import patch_types
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError
-from linked_fleet_gateway.rdf.templates import Document
-from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.body_values import own_statements
 from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.html import HTML, Context, PageContext
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource
 from linked_fleet_gateway.resources.templates import Rendering, is_measured
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import RDF_TYPES, WriteError
+from linked_fleet_rdf.templates import Document
+from linked_fleet_rdf.vocabulary import LDP
 from linked_fleet_server.exchange import Reply
+from linked_fleet_state.robot import Robot
 
 _MINIMAL, _CONTAINMENT = LDP.PreferMinimalContainer.value, LDP.PreferContainment.value
 # A basic container has no membership triples other than containment, so omitting them changes nothing.

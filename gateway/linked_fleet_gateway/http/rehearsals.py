@@ -6,11 +6,11 @@ from pyoxigraph import NamedNode
 from starlette.responses import Response
 
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.validation import find_root
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.validation import find_root
+from linked_fleet_rdf.vocabulary import LF
 
 
 def rehearsal_response(

@@ -11,19 +11,19 @@ from functools import partial
 from hashlib import blake2b
 from typing import TypeVar
 
-from linked_fleet_gateway.base.errors import NotAcceptable
+from linked_fleet_base.errors import NotAcceptable
 from linked_fleet_gateway.http.fields import LINKSET_TYPES, Link, linkset_json, linkset_text
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.scheduling import Offload
-from linked_fleet_gateway.rdf.forms import render_graph
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import JSON, RDF_TYPES, WriteError
-from linked_fleet_gateway.rdf.templates import Document
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.html import HTML, Context, Formats, HtmlWriter, PageContext
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.templates import Rendering, Templates
-from linked_fleet_gateway.runtime.background import time_sliced
+from linked_fleet_rdf.forms import render_graph
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import JSON, RDF_TYPES, WriteError
+from linked_fleet_rdf.templates import Document
+from linked_fleet_rdf.vocabulary import PREFIXES
+from linked_fleet_runtime.background import time_sliced
 
 _TAG = re.compile(r'(W/)?("[\x21\x23-\x7e\x80-\xff]*")')
 _CODED = re.compile(r'-(?:gzip|br)"$')

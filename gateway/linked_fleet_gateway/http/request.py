@@ -13,8 +13,8 @@ from starlette.requests import Request as StarletteRequest
 from starlette.types import Lifespan, Message, Receive, Scope, Send
 from starlette.websockets import WebSocket as StarletteWebSocket
 
+from linked_fleet_base.contributions import Contributions, set_present
 from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.base.contributions import Contributions, set_present
 from linked_fleet_gateway.http.answers import ResponseCache
 from linked_fleet_gateway.http.arrival import Scheme, arrival_of
 from linked_fleet_gateway.http.awaited_robots import AwaitedRobots
@@ -22,15 +22,15 @@ from linked_fleet_gateway.http.fields import field as field_of
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request_events import RequestEvent, RequestEvents
 from linked_fleet_gateway.http.scheduling import Offload, StopPriority, TokenBuckets, bucket_key
-from linked_fleet_gateway.identity.rights import Identity, Right
-from linked_fleet_gateway.identity.service import Identities
 from linked_fleet_gateway.resources.html import HtmlWriter, Reader
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
-from linked_fleet_gateway.runtime.log import current_request
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_identity.rights import Identity, Right
+from linked_fleet_identity.service import Identities
+from linked_fleet_runtime.log import current_request
 from linked_fleet_server.exchange import Reply
 
 _NOTHING_DONE = (401, 404, 405)

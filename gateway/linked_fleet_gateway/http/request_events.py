@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from msgspec import Struct
 
-from linked_fleet_gateway.base.faults import Faults
+from linked_fleet_base.faults import Faults
 
 
 class RequestEvent(Struct, frozen=True):

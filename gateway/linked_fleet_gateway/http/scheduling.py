@@ -16,8 +16,8 @@ from typing import TypeVar
 
 from starlette.types import Scope
 
-from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_base.contributions import present
+from linked_fleet_base.errors import Busy
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.resources.action_offer import action_definitions
 from linked_fleet_server.addresses import network_of

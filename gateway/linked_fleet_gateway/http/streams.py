@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import Conflict, NotAcceptable
+from linked_fleet_base.errors import Conflict, NotAcceptable
 from linked_fleet_gateway.http.callers import require_subtree
 from linked_fleet_gateway.http.event_stream import CACHE_CONTROL, CANCELLED_ID, serve_event_stream
 from linked_fleet_gateway.http.fields import field
@@ -21,8 +21,6 @@ from linked_fleet_gateway.http.subscribe import (
     translate_store_errors,
 )
 from linked_fleet_gateway.http.websocket import is_binary, serve_websocket
-from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.rdf.serialise import JELLY, JSON
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.properties import FRAME_MEDIA_TYPE
@@ -32,6 +30,8 @@ from linked_fleet_gateway.resources.subscription_resource import subscription_pa
 from linked_fleet_gateway.subscriptions.broadcast import Feed, Outlet
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 from linked_fleet_gateway.subscriptions.watcher import Watcher
+from linked_fleet_identity.service import Identities
+from linked_fleet_rdf.serialise import JELLY, JSON
 
 EVENT_STREAM = "text/event-stream"
 SUBPROTOCOLS = {

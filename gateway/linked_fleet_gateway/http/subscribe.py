@@ -11,7 +11,7 @@ from urllib.parse import unquote
 
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import (
+from linked_fleet_base.errors import (
     BadRequest,
     Conflict,
     NotAcceptable,
@@ -26,7 +26,6 @@ from linked_fleet_gateway.http.fields import Link, field, link_header
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.request import Connection, Request
 from linked_fleet_gateway.http.writes import check_acceptable, created_response
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
 from linked_fleet_gateway.resources.message_body import message_types
@@ -36,6 +35,7 @@ from linked_fleet_gateway.resources.subscription_resource import SubscriptionReq
 from linked_fleet_gateway.resources.subscription_resource import container_path, read_request, subscription_path
 from linked_fleet_gateway.subscriptions.service import Subscriptions
 from linked_fleet_gateway.subscriptions.store import SubscriptionLimitReached, SubscriptionNotHeld
+from linked_fleet_rdf.serialise import RDF_TYPES
 from linked_fleet_webhooks.network import ForbiddenHost, check_callback_url
 
 OPTIONS = ("depth", "interval", "deadband", "last-event-id")

@@ -5,7 +5,7 @@ from functools import partial
 
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import InsufficientScope, NotFound, UnprocessableContent
+from linked_fleet_base.errors import InsufficientScope, NotFound, UnprocessableContent
 from linked_fleet_gateway.http.callers import require_subtree
 from linked_fleet_gateway.http.preconditions import await_preconditions
 from linked_fleet_gateway.http.request import Request
@@ -17,13 +17,13 @@ from linked_fleet_gateway.http.subscribe import (
     translate_store_errors,
 )
 from linked_fleet_gateway.http.writes import Patch, apply_patch, read_patch
-from linked_fleet_gateway.identity.rights import Right
 from linked_fleet_gateway.resources.affordance import ChangeSubscription
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Depth, Record, Subscription
 from linked_fleet_gateway.resources.subscription_change import changed_options, managed_option_statements
 from linked_fleet_gateway.resources.subscription_resource import container_path, subscription_path
 from linked_fleet_gateway.subscriptions.service import Subscriptions
+from linked_fleet_identity.rights import Right
 
 _SHORT_TRIPLES = 50  # a description has twenty
 

@@ -14,13 +14,13 @@ from typing import Any
 
 from websockets.frames import CloseCode, Opcode
 
-from linked_fleet_gateway.base.errors import NotAcceptable
+from linked_fleet_base.errors import NotAcceptable
 from linked_fleet_gateway.http.request import WebSocket
-from linked_fleet_gateway.identity.service import Identities
-from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Feed, Message, Outlet
+from linked_fleet_identity.service import Identities
+from linked_fleet_rdf.serialise import TEXT_TYPES
 from linked_fleet_server.websocket_protocol import WEBSOCKET, WebSocketProtocol
 
 

@@ -16,10 +16,8 @@ from typing import TYPE_CHECKING
 from pyoxigraph import NamedNode, Triple
 from starlette.responses import Response
 
-from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
-from linked_fleet_gateway.actions.service import Actions
-from linked_fleet_gateway.base import contributions
-from linked_fleet_gateway.base.errors import (
+from linked_fleet_base import contributions
+from linked_fleet_base.errors import (
     BadRequest,
     Conflict,
     InsufficientScope,
@@ -28,25 +26,27 @@ from linked_fleet_gateway.base.errors import (
     UnprocessableContent,
     UnsupportedMediaType,
 )
-from linked_fleet_gateway.fleet.invocation import Priority
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
+from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.http.body import body_type, convert_body, parse_body, parse_form
 from linked_fleet_gateway.http.fields import field, parameters, split
 from linked_fleet_gateway.http.lease_tokens import lock_token
 from linked_fleet_gateway.http.negotiation import choose
 from linked_fleet_gateway.http.preconditions import resolve_under_preconditions
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.identity.rights import Right
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.validation import ground_statements, refuse_statements
-from linked_fleet_gateway.rdf.vocabulary import LDP, LF
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, Control, ForgetRobot, PutSetting
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATION_TRIPLES
 from linked_fleet_gateway.resources.body_values import Body, Setting, validate_body
 from linked_fleet_gateway.resources.invocation import describe_unchecked, unchecked_links
 from linked_fleet_gateway.resources.paths import lease_path, robot_path
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_identity.rights import Right
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.validation import ground_statements, refuse_statements
+from linked_fleet_rdf.vocabulary import LDP, LF
+from linked_fleet_state.invocation import Priority
+from linked_fleet_state.robot import Robot
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.resources.form import Form

@@ -2,11 +2,11 @@
 
 from collections.abc import Iterator, Mapping
 
-from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.paths import robot_of
+from linked_fleet_identity.rights import View
+from linked_fleet_state.invocations import FLEET, Invocation, Invocations
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.unchecked import UncheckedLink
 
 
 class RobotsInView(Mapping[str, Robot]):

@@ -13,13 +13,7 @@ from typing import Any
 
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.fleet.model import Joint, Link
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import Right
-from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.shapes import ACTIONS, add_closure, copy_shape, load_turtle
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDF, RDFS, SH
+from linked_fleet_base.contributions import present
 from linked_fleet_gateway.resources.annotations import named_poses
 from linked_fleet_gateway.resources.form import Form, Json
 from linked_fleet_gateway.resources.joint_kinds import kind_of
@@ -32,6 +26,12 @@ from linked_fleet_gateway.resources.shape_parameters import (
     moved_links,
     shape_completer,
 )
+from linked_fleet_identity.rights import Right
+from linked_fleet_rdf.graph import Graph, Node
+from linked_fleet_rdf.shapes import ACTIONS, add_closure, copy_shape, load_turtle
+from linked_fleet_rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, METHODS, RDF, RDFS, SH
+from linked_fleet_state.model import Joint, Link
+from linked_fleet_state.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,11 +6,6 @@ from functools import partial
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.fleet.invocations import Invocation
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
@@ -26,6 +21,11 @@ from linked_fleet_gateway.resources.part import part_of
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_state.invocations import Invocation
+from linked_fleet_state.robot import Robot
 
 _MOST_WRITTEN = 1024
 """Bytes of feedback and result that are written at once; a thread writes the description of more."""

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import ClassVar, Final, Protocol
 
-from linked_fleet_gateway.fleet.invocations import Invocation
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import Right
-from linked_fleet_gateway.rdf.serialise import JSON, TEXT_TYPES
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.body_values import Setting
 from linked_fleet_gateway.resources.subscription import Record
+from linked_fleet_identity.rights import Right
+from linked_fleet_rdf.serialise import JSON, TEXT_TYPES
+from linked_fleet_state.invocations import Invocation
+from linked_fleet_state.robot import Robot
 
 BODY_TYPES = TEXT_TYPES
 """RDF media types of bodies. Jelly is excluded, because its parser raises arbitrary exceptions on untrusted bytes."""

@@ -16,14 +16,14 @@ from hashlib import blake2b
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, serialize
 
 from linked_fleet_agent.wire.keys import unescape
-from linked_fleet_gateway.base.errors import PayloadTooLarge, UnprocessableContent
-from linked_fleet_gateway.fleet.robot import Annotations, Robot
-from linked_fleet_gateway.rdf.graph import UNITS, Graph, Node
-from linked_fleet_gateway.rdf.serialise import ParseError, parse
-from linked_fleet_gateway.rdf.validation import check_writable, refuse_statements, statements_by_subject
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, NUMERIC, RDF, ROS, SH, SOSA, VOM, XHV
+from linked_fleet_base.errors import PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.resources.joint_kinds import POSITION_RESOLUTION
 from linked_fleet_gateway.resources.paths import reserved_in_robot, robot_path
+from linked_fleet_rdf.graph import UNITS, Graph, Node
+from linked_fleet_rdf.serialise import ParseError, parse
+from linked_fleet_rdf.validation import check_writable, refuse_statements, statements_by_subject
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, NUMERIC, RDF, ROS, SH, SOSA, VOM, XHV
+from linked_fleet_state.robot import Annotations, Robot
 
 log = logging.getLogger(__name__)
 

@@ -11,17 +11,17 @@ from typing import NamedTuple
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from linked_fleet_gateway.fleet.observation import Observation
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import NANOSECOND, UNITLESS, Graph, Term, integer
-from linked_fleet_gateway.rdf.serialise import WriteError
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDFS, SPATIAL, VOM
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.properties import FRAME_MEDIA_TYPE, joint_properties
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.resource import Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source, version_of
+from linked_fleet_rdf.graph import NANOSECOND, UNITLESS, Graph, Term, integer
+from linked_fleet_rdf.serialise import WriteError
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDFS, SPATIAL, VOM
+from linked_fleet_state.observation import Observation
+from linked_fleet_state.robot import Robot
 
 FRAME_TYPES = (FRAME_MEDIA_TYPE, "application/octet-stream")
 """Two media types of the same bytes: a specific and a generic one."""

@@ -12,12 +12,13 @@ from urllib.parse import urlsplit
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import UNITS, Node
-from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
-from linked_fleet_gateway.rdf.validation import (
+from linked_fleet_base.contributions import present
+from linked_fleet_base.errors import UnprocessableContent
+from linked_fleet_gateway.resources.annotations import agent_statements, read_annotations
+from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_rdf.graph import UNITS, Node
+from linked_fleet_rdf.shapes import BLUEPRINTS, load_turtle
+from linked_fleet_rdf.validation import (
     COMMON_TYPES,
     ShaclValidator,
     Terms,
@@ -26,9 +27,8 @@ from linked_fleet_gateway.rdf.validation import (
     statements_by_subject,
     unused_statements,
 )
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LDP, LF, MATHS, PROV, RDF, ROS, SH, SOSA, SPATIAL, VOM
-from linked_fleet_gateway.resources.annotations import agent_statements, read_annotations
-from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_rdf.vocabulary import HYBRIT, LDP, LF, MATHS, PROV, RDF, ROS, SH, SOSA, SPATIAL, VOM
+from linked_fleet_state.robot import Robot
 
 ROOT = BlankNode("input")
 """The root of a stored body."""

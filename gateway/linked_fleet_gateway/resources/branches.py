@@ -11,15 +11,15 @@ from typing import Any
 from msgspec import Struct, field
 from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.base.faults import Faults
-from linked_fleet_gateway.fleet.carried import CarriedPose
-from linked_fleet_gateway.fleet.model import Joint, Link, Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import Identity, Right, View
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Redirect, Rendition, Resource, TypedLink
+from linked_fleet_identity.rights import Identity, Right, View
+from linked_fleet_state.carried import CarriedPose
+from linked_fleet_state.model import Joint, Link, Pose
+from linked_fleet_state.robot import Robot
 
 Found = Resource | Redirect | None
 

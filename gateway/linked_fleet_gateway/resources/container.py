@@ -9,11 +9,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
 
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.fleet.invocations import FLEET, Invocation
-from linked_fleet_gateway.identity.rights import Identity, Right, View
-from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS
 from linked_fleet_gateway.resources.action_offer import Offer, offers_of
 from linked_fleet_gateway.resources.action_tree import resolve_action
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, NOTHING, Demand, Honours
@@ -25,6 +20,11 @@ from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.resources.plain_json import add_plain_json
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_identity.rights import Identity, Right, View
+from linked_fleet_rdf.graph import Graph, Node
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, RDFS
+from linked_fleet_state.invocations import FLEET, Invocation
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.resources.tree import Tree

@@ -7,12 +7,7 @@ from functools import lru_cache
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.base.faults import Faults
-from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
-from linked_fleet_gateway.fleet.observation import Observation
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import UNITLESS, Graph, moment, timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDFS, ROS, SOSA, XHV, XSD
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.annotations import annotate, pose_finding
 from linked_fleet_gateway.resources.invocation import describe_unchecked, unchecked_links
@@ -21,6 +16,11 @@ from linked_fleet_gateway.resources.part import RobotPart, parts_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
 from linked_fleet_gateway.resources.properties import joint_properties, link_properties, robot_properties
 from linked_fleet_gateway.resources.property import Measurement, Property, added_link_statements
+from linked_fleet_rdf.graph import UNITLESS, Graph, moment, timestamp
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LDP, LF, PROV, RDFS, ROS, SOSA, XHV, XSD
+from linked_fleet_state.model import Joint, Link, RobotModel
+from linked_fleet_state.observation import Observation
+from linked_fleet_state.robot import Robot
 
 _SECOND_NS = 1_000_000_000
 _MOST_FINDINGS = 32

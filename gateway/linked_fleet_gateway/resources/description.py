@@ -15,11 +15,11 @@ from itertools import accumulate, pairwise
 from msgspec import Struct
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.fleet.observation import Observation
-from linked_fleet_gateway.rdf.graph import Graph, Number, lexical, timestamp
-from linked_fleet_gateway.rdf.templates import Markers, is_replaceable
-from linked_fleet_gateway.rdf.vocabulary import XSD
 from linked_fleet_gateway.resources.property import Measurement, Sampler
+from linked_fleet_rdf.graph import Graph, Number, lexical, timestamp
+from linked_fleet_rdf.templates import Markers, is_replaceable
+from linked_fleet_rdf.vocabulary import XSD
+from linked_fleet_state.observation import Observation
 
 Describe = Callable[[Graph], None]
 Values = tuple[Hashable, list[str]]

@@ -6,12 +6,12 @@ from functools import partial
 
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.rdf import shapes
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, OWL, PREFIXES, RDF, RDFS
 from linked_fleet_gateway.resources.description import InSteps
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_rdf import shapes
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.vocabulary import DCTERMS, LDP, OWL, PREFIXES, RDF, RDFS
 
 VOCABULARY = "/vocabulary"
 _DESCRIBES = (RDF.type, RDFS.label, RDFS.comment)

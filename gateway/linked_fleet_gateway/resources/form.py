@@ -7,7 +7,7 @@ from typing import Any
 
 from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.rdf.graph import Term
+from linked_fleet_rdf.graph import Term
 
 Json = dict[str, Any]
 

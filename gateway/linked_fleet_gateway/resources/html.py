@@ -6,7 +6,7 @@ from typing import Protocol
 
 from pyoxigraph import Triple
 
-from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.resources.resource import Resource
 
 HTML = "text/html"

@@ -9,17 +9,17 @@ from collections.abc import Callable, Iterable, Mapping
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 
 from linked_fleet_agent.wire.messages import Follow
-from linked_fleet_gateway.fleet.closest import Closest
-from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
-from linked_fleet_gateway.fleet.kept_plan import KeptPlan
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, Node, Unit, number, timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PROV, RDFS, SOSA
 from linked_fleet_gateway.resources.body_values import ROOT
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.part import part_of
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path, robot_path
+from linked_fleet_rdf.graph import METRE, RADIAN, SECOND, UNITLESS, Graph, Node, Unit, number, timestamp
+from linked_fleet_rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PROV, RDFS, SOSA
+from linked_fleet_state.closest import Closest
+from linked_fleet_state.invocations import Invocation, InvocationState
+from linked_fleet_state.kept_plan import KeptPlan
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.unchecked import UncheckedLink
 
 STATES = {
     InvocationState.ACCEPTED: LF.accepted,

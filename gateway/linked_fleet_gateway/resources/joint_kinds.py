@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.fleet.model import Joint, JointKind
-from linked_fleet_gateway.rdf.graph import ANGULAR, LINEAR, Dimension
-from linked_fleet_gateway.rdf.vocabulary import LF, ROS
+from linked_fleet_rdf.graph import ANGULAR, LINEAR, Dimension
+from linked_fleet_rdf.vocabulary import LF, ROS
+from linked_fleet_state.model import Joint, JointKind
 
 # Resolutions of change detection (docs/TREE.md): a value that moved by less counts as the same.
 POSITION_RESOLUTION = 1e-5  # rad or m

@@ -10,11 +10,11 @@ from decimal import Decimal
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.fleet.model import Joint, JointKind
-from linked_fleet_gateway.fleet.observation import rounded
-from linked_fleet_gateway.rdf.graph import ANGULAR, LINEAR, Dimension, Unit, lexical
-from linked_fleet_gateway.rdf.vocabulary import LF, XSD
 from linked_fleet_gateway.resources.joint_kinds import POSITION_RESOLUTION, kind_of
+from linked_fleet_rdf.graph import ANGULAR, LINEAR, Dimension, Unit, lexical
+from linked_fleet_rdf.vocabulary import LF, XSD
+from linked_fleet_state.model import Joint, JointKind
+from linked_fleet_state.observation import rounded
 
 _DIGITS = 6  # limits are rounded inwards to a millionth of the unit, so that the robot accepts what the shape accepts
 _FARTHEST = 1e9  # of any unit; a number beyond is no limit, and has no whole millionths in a double

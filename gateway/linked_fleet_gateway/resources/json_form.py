@@ -14,14 +14,14 @@ from itertools import chain
 
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.fleet.robot_cache import RobotCache
-from linked_fleet_gateway.rdf.graph import Graph, Node, Term
-from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
-from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, RDF, SH, XSD
+from linked_fleet_base.contributions import present
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.form import Field, Form, Json, Value
 from linked_fleet_gateway.resources.settable import describe_target_input
+from linked_fleet_rdf.graph import Graph, Node, Term
+from linked_fleet_rdf.shapes import BLUEPRINTS, load_turtle
+from linked_fleet_rdf.vocabulary import LF, NUMERIC, RDF, SH, XSD
+from linked_fleet_state.robot_cache import RobotCache
 
 _LIMITS = {
     SH.minInclusive: "minimum",

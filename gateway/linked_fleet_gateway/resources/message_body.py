@@ -2,12 +2,12 @@
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.rdf.forms import render_graph
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.resource import Rendition, Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 from linked_fleet_gateway.resources.templates import Versions
+from linked_fleet_rdf.forms import render_graph
+from linked_fleet_rdf.serialise import RDF_TYPES, WriteError
+from linked_fleet_rdf.vocabulary import PREFIXES
 
 
 def message_types(resource: Resource) -> tuple[str, ...]:

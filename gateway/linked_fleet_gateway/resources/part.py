@@ -6,14 +6,14 @@ from typing import TYPE_CHECKING, Any, Protocol
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.planar import DriveLimits
-from linked_fleet_gateway.fleet.driving import FollowedPath
-from linked_fleet_gateway.fleet.gripper import Gripper
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.form import Json
 from linked_fleet_gateway.resources.paths import robot_path
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_state.driving import FollowedPath
+from linked_fleet_state.gripper import Gripper
+from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.robot import Robot
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.resources.property import Property

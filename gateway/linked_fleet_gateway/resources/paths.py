@@ -5,9 +5,9 @@ from functools import lru_cache
 from typing import Any
 
 from linked_fleet_agent.wire.keys import escape, unescape
-from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_base.contributions import present
+from linked_fleet_state.model import RobotModel
+from linked_fleet_state.robot import Robot
 
 _LINK_MARK = "~link"  # no escape, because "~l" is not followed by hexadecimal digits; so it cannot be part of a name
 

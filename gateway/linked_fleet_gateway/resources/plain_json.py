@@ -11,15 +11,15 @@ from typing import Any
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
-from linked_fleet_gateway.rdf.graph import Graph, Node, Term
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, XSD
+from linked_fleet_base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.resources.form import Field, Form, Json, Value
 from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_rdf.graph import Graph, Node, Term
 from linked_fleet_rdf.json_input import ParseError, load_json
 from linked_fleet_rdf.parsing import MAX_LENGTH
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.vocabulary import LF, NUMERIC, XSD
 
 _MAX_DEPTH = 16
 _VALUES = 4  # JSON values for each permitted triple

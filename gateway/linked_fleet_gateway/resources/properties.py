@@ -7,25 +7,6 @@ from functools import partial
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.fleet.model import Joint, Link, Pose
-from linked_fleet_gateway.fleet.observation import Mark, Observation
-from linked_fleet_gateway.fleet.robot import Robot, Row
-from linked_fleet_gateway.rdf.graph import (
-    KILOGRAM,
-    KILOGRAM_SQUARE_METRE,
-    METRE,
-    METRE_PER_SECOND,
-    RADIAN,
-    RADIAN_PER_SECOND,
-    UNITLESS,
-    Dimension,
-    Graph,
-    Node,
-    Unit,
-    integer,
-    number,
-)
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, ROS, SPATIAL, XSD
 from linked_fleet_gateway.resources.action_offer import joint_offers
 from linked_fleet_gateway.resources.joint_kinds import (
     EFFORT_RESOLUTION,
@@ -43,6 +24,25 @@ from linked_fleet_gateway.resources.settable import (
     target_property,
     target_segment,
 )
+from linked_fleet_rdf.graph import (
+    KILOGRAM,
+    KILOGRAM_SQUARE_METRE,
+    METRE,
+    METRE_PER_SECOND,
+    RADIAN,
+    RADIAN_PER_SECOND,
+    UNITLESS,
+    Dimension,
+    Graph,
+    Node,
+    Unit,
+    integer,
+    number,
+)
+from linked_fleet_rdf.vocabulary import DCTERMS, LF, MATHS, ROS, SPATIAL, XSD
+from linked_fleet_state.model import Joint, Link, Pose
+from linked_fleet_state.observation import Mark, Observation
+from linked_fleet_state.robot import Robot, Row
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 

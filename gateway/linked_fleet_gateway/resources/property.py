@@ -7,14 +7,14 @@ from typing import NamedTuple, Self
 from msgspec import Struct
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.fleet.model import Link
-from linked_fleet_gateway.fleet.observation import Mark, Observation
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, Number
+from linked_fleet_base.contributions import present
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.body_values import Setting
 from linked_fleet_gateway.resources.form import Form
+from linked_fleet_rdf.graph import Graph, Number
+from linked_fleet_state.model import Link
+from linked_fleet_state.observation import Mark, Observation
+from linked_fleet_state.robot import Robot
 
 
 class Measurement(NamedTuple):

@@ -7,13 +7,13 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.fleet.carried import CarriedPose
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose, inverse
-from linked_fleet_gateway.fleet.model import Joint, Pose
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_base.contributions import present
 from linked_fleet_gateway.resources.joint_kinds import POSE_RESOLUTION
 from linked_fleet_gateway.resources.paths import thing_at
+from linked_fleet_state.carried import CarriedPose
+from linked_fleet_state.kinematics import ORIGIN, compose, inverse
+from linked_fleet_state.model import Joint, Pose
+from linked_fleet_state.robot import Robot
 
 _DECIMALS = round(-math.log10(POSE_RESOLUTION))
 

@@ -7,9 +7,6 @@ from msgspec import Struct, field
 from msgspec.structs import replace
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.shapes import describe_blueprint
-from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.affordance import Affordance, ChangeSubscription, ResumeSubscription, Subscribe
 from linked_fleet_gateway.resources.description import (
     DescriptionTemplate,
@@ -20,6 +17,9 @@ from linked_fleet_gateway.resources.description import (
 from linked_fleet_gateway.resources.paths import owner_path
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.shapes import describe_blueprint
+from linked_fleet_rdf.vocabulary import LDP
 
 _OF_SUBSCRIPTIONS = (Subscribe, ChangeSubscription, ResumeSubscription)
 CONTAINER = (LDP.Resource, LDP.BasicContainer)

@@ -5,10 +5,6 @@ from dataclasses import replace
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.fleet.model import Joint
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import ANGULAR, UNITLESS, Graph, integer
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, SH
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import PutSetting, PutTarget
 from linked_fleet_gateway.resources.annotations import annotate
@@ -19,6 +15,10 @@ from linked_fleet_gateway.resources.joint_limits import limits_of
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.shape_parameters import ShapeScope, shape_completer
+from linked_fleet_rdf.graph import ANGULAR, UNITLESS, Graph, integer
+from linked_fleet_rdf.vocabulary import HYBRIT, LF, SH
+from linked_fleet_state.model import Joint
+from linked_fleet_state.robot import Robot
 
 ABSOLUTE = (LF.Rotate, LF.Translate)
 """The actions that move a joint to a target."""

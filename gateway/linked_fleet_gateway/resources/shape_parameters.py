@@ -8,14 +8,14 @@ from dataclasses import dataclass
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.fleet.model import Joint, JointKind
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import ANGULAR, LINEAR, Graph, Node, Term, Unit, integer
-from linked_fleet_gateway.rdf.vocabulary import LF, NUMERIC, SH, VOM
 from linked_fleet_gateway.resources.annotations import named_poses
 from linked_fleet_gateway.resources.joint_kinds import kind_of
 from linked_fleet_gateway.resources.joint_limits import JointLimits, dimension_of, position_limits
 from linked_fleet_gateway.resources.paths import joint_path, lease_path, link_path
+from linked_fleet_rdf.graph import ANGULAR, LINEAR, Graph, Node, Term, Unit, integer
+from linked_fleet_rdf.vocabulary import LF, NUMERIC, SH, VOM
+from linked_fleet_state.model import Joint, JointKind
+from linked_fleet_state.robot import Robot
 
 _FAR = 1_000_000  # no joint position is beyond this, in any unit
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from enum import StrEnum
 
-from linked_fleet_gateway.identity.rights import ALL, EVERY, View
+from linked_fleet_identity.rights import ALL, EVERY, View
 
 
 class Kind(StrEnum):

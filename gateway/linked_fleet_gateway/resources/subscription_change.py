@@ -6,10 +6,7 @@ from functools import cache
 
 from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load_turtle
-from linked_fleet_gateway.rdf.validation import Terms, refuse_statements, unused_statements
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, RDF
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Subscription
 from linked_fleet_gateway.resources.subscription_resource import (
     CALLBACKS,
@@ -17,6 +14,9 @@ from linked_fleet_gateway.resources.subscription_resource import (
     read_request,
     subscription_path,
 )
+from linked_fleet_rdf.shapes import SUBSCRIPTIONS, load_turtle
+from linked_fleet_rdf.validation import Terms, refuse_statements, unused_statements
+from linked_fleet_rdf.vocabulary import HYBRIT, LF, RDF
 
 _FIXED = (RDF.type, HYBRIT.onResource, *CALLBACKS)
 """Predicates that identify the subscription."""

@@ -7,10 +7,13 @@ from functools import cache
 
 from pyoxigraph import Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.rdf.graph import Graph, Node, integer, number, timestamp
-from linked_fleet_gateway.rdf.shapes import SUBSCRIPTIONS, load_turtle
-from linked_fleet_gateway.rdf.validation import (
+from linked_fleet_base.errors import UnprocessableContent
+from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
+from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
+from linked_fleet_gateway.resources.subscription import DeliveryState, Depth, Kind, Record, Subscription
+from linked_fleet_rdf.graph import Graph, Node, integer, number, timestamp
+from linked_fleet_rdf.shapes import SUBSCRIPTIONS, load_turtle
+from linked_fleet_rdf.validation import (
     Terms,
     check_lexical_forms,
     check_root,
@@ -18,10 +21,7 @@ from linked_fleet_gateway.rdf.validation import (
     refuse_statements,
     unused_statements,
 )
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF, RDFS, XSD
-from linked_fleet_gateway.resources.affordance import ChangeSubscription, ResumeSubscription, Subscribe
-from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
-from linked_fleet_gateway.resources.subscription import DeliveryState, Depth, Kind, Record, Subscription
+from linked_fleet_rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, METHODS, PREFIXES, RDF, RDFS, XSD
 from linked_fleet_shacl import (
     CompiledGraph,
     CompiledShape,

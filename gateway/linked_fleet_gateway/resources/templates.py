@@ -12,17 +12,17 @@ from typing import NamedTuple
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.fleet.observation import Observation
-from linked_fleet_gateway.rdf.forms import render_graph, write_graph
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
-from linked_fleet_gateway.rdf.templates import Document, Markers, RowTemplate, Template, TemplateCache
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.description import REPEATED, DescriptionTemplate, MeasuredDescription, Values
 from linked_fleet_gateway.resources.paths import robot_of
 from linked_fleet_gateway.resources.property import Measurement
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
+from linked_fleet_rdf.forms import render_graph, write_graph
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import TEXT_TYPES
+from linked_fleet_rdf.templates import Document, Markers, RowTemplate, Template, TemplateCache
+from linked_fleet_rdf.vocabulary import PREFIXES
+from linked_fleet_state.observation import Observation
 
 MAX_TEMPLATES = 512
 MAX_CHARACTERS = 8 * 1024 * 1024

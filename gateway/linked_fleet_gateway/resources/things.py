@@ -8,11 +8,6 @@ from types import MappingProxyType
 from msgspec import structs
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.fleet.model import Joint, Link
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.resources.action_offer import Offer, fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.affordance import Control, ForgetRobot
 from linked_fleet_gateway.resources.annotations import battery_charge
@@ -31,6 +26,11 @@ from linked_fleet_gateway.resources.settable import put_affordance, target_bluep
 from linked_fleet_gateway.resources.subscription import Record
 from linked_fleet_gateway.resources.subscription_resource import resolve_subscription
 from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.vocabulary import LDP
+from linked_fleet_state.model import Joint, Link
+from linked_fleet_state.robot import Robot
 
 MAX_AT_ONCE = 16
 """Robots that are described in one step, and whose list may be kept while what it shows is the same."""

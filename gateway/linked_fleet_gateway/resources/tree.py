@@ -5,13 +5,7 @@ from itertools import chain
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.base.faults import Faults
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import FLEET, Invocations
-from linked_fleet_gateway.fleet.model import Joint, Link, RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import ALL, View
-from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.resources.access_filter import InvocationsInView, RobotsInView
 from linked_fleet_gateway.resources.action_offer import fleet_offers, joint_offers, robot_offers
 from linked_fleet_gateway.resources.action_tree import invocation_of, resolve_action
@@ -35,6 +29,12 @@ from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Redirect, Resource, blueprint_at, blueprint_of
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner, Things, description_source
 from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_identity.rights import ALL, View
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import FLEET, Invocations
+from linked_fleet_state.model import Joint, Link, RobotModel
+from linked_fleet_state.robot import Robot
 
 _OF_THINGS = ("subscriptions", "blueprint", "linkset")
 

@@ -12,8 +12,8 @@ from typing import Any
 
 from msgspec import Struct
 
-from linked_fleet_gateway.fleet.observation import Observation, differ
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.observation import Observation, differ
+from linked_fleet_state.robot import Robot
 
 
 class Reading(Struct):

@@ -14,8 +14,8 @@ from typing import Generic, Protocol, TypeVar, runtime_checkable
 
 from msgspec import Struct, field
 
-from linked_fleet_gateway.rdf.serialise import WriteError
 from linked_fleet_gateway.resources.versioning import Reading
+from linked_fleet_rdf.serialise import WriteError
 
 _log = logging.getLogger(__name__)
 

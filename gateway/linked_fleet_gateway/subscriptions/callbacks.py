@@ -5,13 +5,13 @@ import ssl
 from collections.abc import Callable
 from functools import cache
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.identity.rights import View
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Record, Subscription
-from linked_fleet_gateway.runtime.metrics import DeliveryMetrics
 from linked_fleet_gateway.subscriptions.courier import Courier
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.store import SubscriptionStore
+from linked_fleet_identity.rights import View
+from linked_fleet_runtime.metrics import DeliveryMetrics
 from linked_fleet_webhooks.delivery_pace import ConsentThrottle
 from linked_fleet_webhooks.network import Network, UnresolvableHost
 from linked_fleet_webhooks.receiver import Receiver

@@ -14,12 +14,10 @@ from dataclasses import replace
 from typing import TypeVar
 from urllib.parse import urlsplit
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, layout_path
 from linked_fleet_gateway.resources.subscription import DeliveryState, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import subscription_path
-from linked_fleet_gateway.runtime.background import cancel_tasks
-from linked_fleet_gateway.runtime.metrics import DeliveryMetrics
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.store import (
@@ -30,6 +28,8 @@ from linked_fleet_gateway.subscriptions.store import (
     SubscriptionStore,
 )
 from linked_fleet_gateway.subscriptions.watcher import Watcher
+from linked_fleet_runtime.background import cancel_tasks
+from linked_fleet_runtime.metrics import DeliveryMetrics
 from linked_fleet_webhooks import signature
 from linked_fleet_webhooks.delivery_pace import SUSPEND_AFTER, backoff_s
 from linked_fleet_webhooks.network import ForbiddenHost, UnresolvableHost

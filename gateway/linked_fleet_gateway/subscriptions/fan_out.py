@@ -11,14 +11,14 @@ from collections.abc import Callable, Iterable, Iterator, KeysView, Mapping, Seq
 from functools import partial
 from typing import Any, Protocol
 
-from linked_fleet_gateway.identity.rights import Right, View
 from linked_fleet_gateway.resources.paths import is_below, robot_of
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.subscription import Depth, Subscription
-from linked_fleet_gateway.runtime.background import TURN_S, Turns
 from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Ending, Outlet, Stream
 from linked_fleet_gateway.subscriptions.topic import Again, Topic
 from linked_fleet_gateway.subscriptions.watcher import Timer, Watcher
+from linked_fleet_identity.rights import Right, View
+from linked_fleet_runtime.background import TURN_S, Turns
 
 _DONE = object()
 

@@ -10,24 +10,24 @@ from types import TracebackType
 
 from linked_fleet_agent.wire.keys import Keys
 from linked_fleet_agent.wire.messages import Accepted, Progress, Reply, Stop
-from linked_fleet_gateway.base.faults import Faults
-from linked_fleet_gateway.fleet.events import Appeared, Described, Event, Framed, Frames
-from linked_fleet_gateway.fleet.fleet import Change, Fleet
-from linked_fleet_gateway.fleet.invocations import Invocation, Invocations
-from linked_fleet_gateway.fleet.presence import Run, SilentRuns
-from linked_fleet_gateway.fleet.robot import KeptPose, Robot
-from linked_fleet_gateway.identity.rights import ALL, View
-from linked_fleet_gateway.link.fleet_link import FleetLink
-from linked_fleet_gateway.link.transport import Session
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.resources.branches import Branch, Branches
 from linked_fleet_gateway.resources.invocation import invocation_path, invocations_path
 from linked_fleet_gateway.resources.part import RobotPart
 from linked_fleet_gateway.resources.paths import joint_path, robot_path
 from linked_fleet_gateway.resources.things import NO_SUBSCRIPTIONS, SubscriptionsByOwner
 from linked_fleet_gateway.resources.tree import Tree
-from linked_fleet_gateway.runtime.background import SLICE_S, Turns
-from linked_fleet_gateway.runtime.replica import Copies
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
+from linked_fleet_identity.rights import ALL, View
+from linked_fleet_link.fleet_link import FleetLink
+from linked_fleet_link.transport import Session
+from linked_fleet_runtime.background import SLICE_S, Turns
+from linked_fleet_runtime.replica import Copies
+from linked_fleet_state.events import Appeared, Described, Event, Framed, Frames
+from linked_fleet_state.fleet import Change, Fleet
+from linked_fleet_state.invocations import Invocation, Invocations
+from linked_fleet_state.presence import Run, SilentRuns
+from linked_fleet_state.robot import KeptPose, Robot
 
 _MEETING_S = 2.0  # longest wait for robots at the start, before the gateway serves without knowing all of them
 _PAUSE_S = 0.05

@@ -15,11 +15,11 @@ from typing import Literal, cast
 
 import msgspec
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Delivery, DeliveryState, Record, Subscription
-from linked_fleet_gateway.runtime.redis import Connection
 from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
+from linked_fleet_runtime.redis import Connection
 
 NewsKind = Literal["removed", "resumed", "replaced", "changed"]
 

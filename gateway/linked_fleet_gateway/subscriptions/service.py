@@ -7,14 +7,14 @@ import uuid
 from contextlib import suppress
 from types import TracebackType
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Record, Subscription
-from linked_fleet_gateway.runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_gateway.subscriptions.broadcast import Ending
 from linked_fleet_gateway.subscriptions.callbacks import Callbacks, EntitlementCheck
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.store import LEASE_S, News, SubscriptionStore
 from linked_fleet_gateway.subscriptions.streams import Streams
+from linked_fleet_runtime.background import cancel_tasks, run_last_step, supervised
 from linked_fleet_webhooks.network import Network
 
 log = logging.getLogger(__name__)

@@ -15,9 +15,8 @@ from contextlib import aclosing, suppress
 from dataclasses import astuple, replace
 from typing import Self
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Delivery, Record, Subscription
-from linked_fleet_gateway.runtime.redis import BACKGROUND_BATCH_SIZE, BATCH_SIZE, Connection
 from linked_fleet_gateway.subscriptions import redis_scripts as scripts
 from linked_fleet_gateway.subscriptions.records import (
     Backlog,
@@ -40,6 +39,7 @@ from linked_fleet_gateway.subscriptions.records import (
     write_spec,
 )
 from linked_fleet_gateway.subscriptions.redis_scripts import Keys
+from linked_fleet_runtime.redis import BACKGROUND_BATCH_SIZE, BATCH_SIZE, Connection
 
 __all__ = [
     "LEASE_S",

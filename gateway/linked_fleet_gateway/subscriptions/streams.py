@@ -11,13 +11,13 @@ from collections.abc import Awaitable, Callable
 from contextlib import suppress
 from dataclasses import replace
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
-from linked_fleet_gateway.runtime.background import cancel_tasks
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Outlet
 from linked_fleet_gateway.subscriptions.fan_out import FanOut
 from linked_fleet_gateway.subscriptions.store import SubscriptionLimitReached, SubscriptionNotHeld, SubscriptionStore
 from linked_fleet_gateway.subscriptions.watcher import Watcher
+from linked_fleet_runtime.background import cancel_tasks
 
 log = logging.getLogger(__name__)
 

@@ -3,13 +3,13 @@
 from enum import IntEnum
 from typing import Generic, Protocol
 
-from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.resources.message_body import message_body
 from linked_fleet_gateway.resources.resource import Redirect, Resource
 from linked_fleet_gateway.resources.templates import Rendering, Versions, is_measured
 from linked_fleet_gateway.resources.versioning import Reading
 from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Framing, M, Message
 from linked_fleet_gateway.subscriptions.event_id import event_id, event_tag
+from linked_fleet_identity.rights import ALL, View
 
 
 class Resolver(Protocol):

@@ -5,11 +5,11 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-from linked_fleet_gateway.rdf.serialise import NoContentYet, WriteError
 from linked_fleet_gateway.resources.subscription import Depth, Subscription
 from linked_fleet_gateway.resources.versioning import Reading
 from linked_fleet_gateway.subscriptions.broadcast import Broadcast, Ending, Outlet, SendCounter, Stream
 from linked_fleet_gateway.subscriptions.topic import Topic
+from linked_fleet_rdf.serialise import NoContentYet, WriteError
 
 _log = logging.getLogger(__name__)
 

@@ -14,7 +14,7 @@ from linked_fleet_agent.long_replies import HELD_S
 from linked_fleet_agent.wire import codec, components, keys, messages, schema
 from linked_fleet_agent.wire.keys import Keys, RobotKey, escape, unescape
 from linked_fleet_agent.wire.parts import PART_BYTES, PartRequest, parse_head, parse_request
-from linked_fleet_gateway.link.long_replies import LONGEST_BYTES, MAX_TRANSFER_S, PART_TIMEOUT_S, SHORTEST_BYTES
+from linked_fleet_link.long_replies import LONGEST_BYTES, MAX_TRANSFER_S, PART_TIMEOUT_S, SHORTEST_BYTES
 
 PAGE = (Path(codec.__file__).parent / "PROTOCOL.md").read_text()
 KINDS: dict[str, Any] = {

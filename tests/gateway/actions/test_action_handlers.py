@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 
 from linked_fleet_agent.wire.messages import Expectation, Follow, Move
+from linked_fleet_base.errors import Conflict, UnprocessableContent
 from linked_fleet_gateway.actions.plan import Halt
-from linked_fleet_gateway.base.errors import Conflict, UnprocessableContent
-from linked_fleet_gateway.rdf.graph import DEGREE
+from linked_fleet_rdf.graph import DEGREE
 
 _ELBOW = {"elbow": ("revolute", '<limit lower="-1" upper="2" velocity="1" effort="1"/>')}
 _WHEEL = {"wheel": ("continuous", "")}

@@ -5,12 +5,12 @@ from typing import Any
 import pytest
 from pyoxigraph import NamedNode
 
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.actions.admission import validate_action_body
-from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.rdf.serialise import parse
-from linked_fleet_gateway.rdf.validation import ShaclValidator
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, SH, VOM
 from linked_fleet_gateway.resources.body_values import input_ntriples
+from linked_fleet_rdf.serialise import parse
+from linked_fleet_rdf.validation import ShaclValidator
+from linked_fleet_rdf.vocabulary import HYBRIT, SH, VOM
 from linked_fleet_shacl import Data, compile_shape
 from shacl_findings import pyshacl_finds
 

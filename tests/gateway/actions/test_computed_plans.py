@@ -17,8 +17,8 @@ from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.events import Frames
+from linked_fleet_state.robot import Robot
 from virtual.zenoh_network import ZenohNetwork
 
 _SECOND_NS = 1_000_000_000

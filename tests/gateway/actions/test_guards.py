@@ -6,13 +6,13 @@ from typing import Any, cast
 import pytest
 
 from linked_fleet_agent.wire.messages import Move
+from linked_fleet_base.errors import NotReadYet
 from linked_fleet_gateway.actions.guards import Guards
 from linked_fleet_gateway.actions.plan import Caller, Motion, RobotTime
-from linked_fleet_gateway.base.errors import NotReadYet
 from linked_fleet_gateway.extensions.latches.terms import LF
-from linked_fleet_gateway.fleet.unchecked import Finding
-from linked_fleet_gateway.identity.rights import ALL
-from linked_fleet_gateway.runtime.replica import Copies, Loading
+from linked_fleet_identity.rights import ALL
+from linked_fleet_runtime.replica import Copies, Loading
+from linked_fleet_state.unchecked import Finding
 
 _MOTION = Motion(cast(Any, SimpleNamespace(name="a")), Move({"j": 1.0}), {}, RobotTime(1, 1))
 _CALLER = cast(Caller, SimpleNamespace(visible_robots=ALL))

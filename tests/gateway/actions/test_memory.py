@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.actions.replicated_invocations import ReplicatedInvocations
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_state.invocations import Invocation, InvocationState
 from redis_servers import single
 from running import PATIENCE_S
 from virtual.zenoh_network import ZenohNetwork

@@ -11,14 +11,14 @@ import pytest
 from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_agent.wire.messages import Move
+from linked_fleet_base.contributions import using
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.actions import action_handlers as handlers
 from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
-from linked_fleet_gateway.base.contributions import using
-from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.rdf import shapes
-from linked_fleet_gateway.rdf.validation import ShaclValidator
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS
+from linked_fleet_rdf import shapes
+from linked_fleet_rdf.validation import ShaclValidator
+from linked_fleet_rdf.vocabulary import HYBRIT, LF
 
 _ROOT = Path(__file__).parents[3]
 _README = (_ROOT / "shapes" / "README.md").read_text(encoding="utf-8")

@@ -2,7 +2,7 @@
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Progress
 from linked_fleet_gateway.actions.refusals import MotionQuota
-from linked_fleet_gateway.fleet.invocations import Invocation, Invocations, InvocationState
+from linked_fleet_state.invocations import Invocation, Invocations, InvocationState
 
 
 def _one(id: str, client: str = "ada", stops: tuple[str, ...] | None = None) -> Invocation:

@@ -77,6 +77,7 @@ def test_every_name_is_used_by_an_extension(door: ModuleType) -> None:
         ("", True),
         ("from linked_fleet_gateway.http.fields import field", False),
         ("import linked_fleet_gateway.subscriptions.live", False),
+        ("from linked_fleet_link.fleet_link import FleetLink", False),
     ],
 )
 def test_import_linter_refuses_other_imports_of_the_core(tmp_path: Path, planted: str, kept: bool) -> None:
@@ -87,7 +88,8 @@ def test_import_linter_refuses_other_imports_of_the_core(tmp_path: Path, planted
     fields = "\n".join(f"{name} = {json.dumps(value)}" for name, value in contract.items())
     config = tmp_path / "contract.toml"
     config.write_text(
-        f'[tool.importlinter]\nroot_package = "linked_fleet_gateway"\n[[tool.importlinter.contracts]]\n{fields}\n'
+        '[tool.importlinter]\nroot_package = "linked_fleet_gateway"\ninclude_external_packages = true\n'
+        f"[[tool.importlinter.contracts]]\n{fields}\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", "import sys; from importlinter.cli import lint_imports_command as run; run()",

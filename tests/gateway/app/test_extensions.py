@@ -26,7 +26,7 @@ _GRIPPER = """
     from contextlib import asynccontextmanager
     from dataclasses import dataclass
     from typing import ClassVar
-    from linked_fleet_gateway.base.settings import Section, setting, whole_number
+    from linked_fleet_base.settings import Section, setting, whole_number
     from linked_fleet_gateway.http.extension import Extension, Mount
 
     @dataclass(frozen=True)

@@ -5,8 +5,8 @@ from contextlib import AsyncExitStack, asynccontextmanager
 from types import SimpleNamespace
 from typing import Any, ClassVar, cast
 
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.app.extensions import mount_extensions
-from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.http.extension import Core, Extension, Mount
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.json_form import Json

@@ -8,12 +8,12 @@ from types import SimpleNamespace
 
 import pytest
 
+from linked_fleet_base.contributions import using
 from linked_fleet_gateway.app.application import _check_all, check_shapes, create_app
 from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.base.contributions import using
 from linked_fleet_gateway.http.extension import Extension
-from linked_fleet_gateway.rdf import shapes
+from linked_fleet_rdf import shapes
 from linked_fleet_shacl import Unsupported
 
 _SHAPES = Path(__file__).parents[3] / "shapes" / "linked_fleet_shapes"

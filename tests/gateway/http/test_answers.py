@@ -5,14 +5,14 @@ from typing import Any, cast
 
 import pytest
 
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.answers import CachedResponse, ResponseCache
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
-from linked_fleet_gateway.identity.rights import Grant, Identity, Right
-from linked_fleet_gateway.rdf.templates import Document, Template
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_identity.rights import Grant, Identity, Right
+from linked_fleet_rdf.templates import Document, Template
+from linked_fleet_state.robot import Robot
 
 _FIELDS = ((b"vary", b"Accept"),)
 

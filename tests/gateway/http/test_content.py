@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import PreconditionFailed
+from linked_fleet_base.errors import PreconditionFailed
 from linked_fleet_gateway.http.arrival import create_arrival
 from linked_fleet_gateway.http.content import Content
 from linked_fleet_gateway.http.request import Request

@@ -2,7 +2,7 @@
 
 import pytest
 
-from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.http.demands import refuse_demands
 from linked_fleet_gateway.resources.affordance import EVERYTHING, NOTHING, Demand, honoured_by
 

@@ -16,17 +16,17 @@ from pyoxigraph import NamedNode
 from rdflib import RDF, URIRef
 
 from browser import HYBRIT, LF, Browser
+from linked_fleet_base.errors import NotAcceptable
 from linked_fleet_gateway.app.application import create_app
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.http.answers import ResponseCache
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Services
 from linked_fleet_gateway.http.scheduling import StopPriority
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import RDF_TYPES
 from shared_fixtures import RunningFleet
 
 pytestmark = pytest.mark.virtual

@@ -8,17 +8,17 @@ import pytest
 from starlette.types import Scope
 
 from gateway_fixtures import Bench
-from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.answers import ResponseCache
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.endpoint import Endpoint
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.scheduling import Offload, StopPriority
-from linked_fleet_gateway.identity.rights import Grant, Identity, Right, View
 from linked_fleet_gateway.resources import things
 from linked_fleet_gateway.resources.branches import NO_BRANCHES, FleetBranch
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_identity.rights import Grant, Identity, Right, View
 from linked_fleet_server.exchange import Reply
+from linked_fleet_state.invocations import Invocations
 
 _JOINTS = {"elbow": ("revolute", '<limit lower="-1" upper="1" velocity="2" effort="3"/>')}
 _OF_ROBOT = [

@@ -10,7 +10,7 @@ from starlette.responses import PlainTextResponse
 from starlette.routing import Route
 from starlette.types import Scope
 
-from linked_fleet_gateway.base.errors import FleetError, MisdirectedRequest
+from linked_fleet_base.errors import FleetError, MisdirectedRequest
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.forwarding import Authorities, Message, send_problem
 

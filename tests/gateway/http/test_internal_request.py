@@ -8,12 +8,12 @@ import pytest
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_base.errors import BadRequest
 from linked_fleet_gateway.http.arrival import arrival_of
 from linked_fleet_gateway.http.forwarding import Authorities
 from linked_fleet_gateway.http.internal_request import Reply, ReplyTooLong, ask
 from linked_fleet_gateway.http.request import Application, Gateway, Request, WebSocket
-from linked_fleet_gateway.runtime.log import begin_request, current_request
+from linked_fleet_runtime.log import begin_request, current_request
 
 BASE = "https://fleet.example:8443"
 

@@ -5,14 +5,14 @@ import json
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.fields import Link, link_header, linkset_json, linkset_text
 from linked_fleet_gateway.http.read import resource_headers
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.resources.branches import Branches, FleetBranch
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
 
 LINKS = st.lists(
     st.builds(Link, st.text(max_size=80), st.text(max_size=20), st.none() | st.text(max_size=20)), max_size=40

@@ -11,12 +11,12 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_gateway.http import representation
 from linked_fleet_gateway.http.representation import Representation, Representations
 from linked_fleet_gateway.http.scheduling import Offload
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.description import InSteps, run_steps
 from linked_fleet_gateway.resources.html import HTML, HtmlWriter, PageContext
 from linked_fleet_gateway.resources.resource import Rendition, Resource
-from linked_fleet_gateway.runtime import background
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import RDF_TYPES
+from linked_fleet_runtime import background
 
 _BASE = "http://fleet.example"
 _STEPS = 5

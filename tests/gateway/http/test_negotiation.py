@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.base.errors import BadRequest, UnsupportedMediaType
+from linked_fleet_base.errors import BadRequest, UnsupportedMediaType
 from linked_fleet_gateway.http.negotiation import choose, parse_accept, parse_content_type
 
 OFFERED = ("text/turtle", "application/ld+json", "application/n-triples", "application/rdf+xml", "text/html")

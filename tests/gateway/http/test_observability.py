@@ -20,8 +20,8 @@ from starlette.requests import Request
 from browser import HYBRIT, ROS, Browser, Page
 from connections import websocket
 from fake_robots import FakeRobot, open_session
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.world.extension import PREPARING
 from linked_fleet_gateway.http.operator_endpoints import ready
 from receivers import Answer, receiving
@@ -364,7 +364,7 @@ def test_lines_about_a_request_bear_its_id_and_its_robot(tmp_path: Path) -> None
             lines = [each for each in log(child) if each.get("request") == "from-the-front.1"]
             return [each for each in lines if each["logger"] == logger]
 
-        (line,) = eventually(lambda: said("linked_fleet_gateway.runtime.metrics"), "a line about it")
+        (line,) = eventually(lambda: said("linked_fleet_runtime.metrics"), "a line about it")
         assert (line["robot"], line["level"]) == (robot.name, "info")
         (noted,) = eventually(lambda: said("gateway.audit"), "a line of the audit")
         assert (noted["what"], noted["target"], noted["outcome"]) == ("POST", "/actions/stopAll", "504")

@@ -5,7 +5,7 @@ import threading
 
 import pytest
 
-from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_base.errors import Busy
 from linked_fleet_gateway.http.scheduling import MOST_WAITING, SHORT_BYTES, Offload
 
 

@@ -5,11 +5,11 @@ import json
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base import errors
+from linked_fleet_base import errors
 from linked_fleet_gateway.extensions.pages.extension import Pages
 from linked_fleet_gateway.http.problem import problem_body
-from linked_fleet_gateway.rdf.vocabulary import XSD
 from linked_fleet_rdf.parsing import parse
+from linked_fleet_rdf.vocabulary import XSD
 
 SH = "http://www.w3.org/ns/shacl#"
 PREFIXES = {"sh": SH, "lf": "https://w3id.org/linked-fleet#", "dcterms": "http://purl.org/dc/terms/"}

@@ -9,13 +9,13 @@ import pytest
 from starlette.responses import Response
 from starlette.types import Scope
 
-from linked_fleet_gateway.base.errors import TooManyRequests
+from linked_fleet_base.errors import TooManyRequests
 from linked_fleet_gateway.http.arrival import Authenticated, arrival_of
 from linked_fleet_gateway.http.entrance import RateLimiter, await_turn
 from linked_fleet_gateway.http.forwarding import send_early
 from linked_fleet_gateway.http.request import Request
 from linked_fleet_gateway.http.scheduling import BURST_S, MAX_CLIENTS, StopPriority, TokenBuckets, bucket_key
-from linked_fleet_gateway.identity.rights import EVERYBODY, NOBODY, Identity
+from linked_fleet_identity.rights import EVERYBODY, NOBODY, Identity
 
 
 class Clock:

@@ -9,14 +9,14 @@ import pytest
 
 from browser import LF, Browser
 from fake_robots import FakeRobot, open_session
-from linked_fleet_gateway.fleet.observation import Observation
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import LF as TERMS
 from linked_fleet_gateway.resources.description import MeasuredDescription
 from linked_fleet_gateway.resources.property import Measurement
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.templates import Templates
 from linked_fleet_gateway.resources.versioning import Source
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.vocabulary import LF as TERMS
+from linked_fleet_state.observation import Observation
 from running import eventually
 from small_fleet import Place
 

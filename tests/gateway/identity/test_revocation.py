@@ -11,9 +11,9 @@ import pytest
 from authenticated_gateway import ALL, SEEN, AuthenticatedGateway, run_authenticated
 from browser import HYBRIT, LF, Browser
 from issuer import Issuer, issuing
-from linked_fleet_gateway.identity.rights import Claims
-from linked_fleet_gateway.identity.roster import parse_roster
-from linked_fleet_gateway.identity.service import Identities
+from linked_fleet_identity.rights import Claims
+from linked_fleet_identity.roster import parse_roster
+from linked_fleet_identity.service import Identities
 from receivers import CallbackReceiver
 from running import eventually, process
 from small_fleet import Place

@@ -7,10 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.rdf.graph import UNITS
-from linked_fleet_gateway.rdf.vocabulary import LF, UNIT, VOM, XSD
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.resources.body_values import Body
+from linked_fleet_rdf.graph import UNITS
+from linked_fleet_rdf.vocabulary import LF, UNIT, VOM, XSD
 
 _ROOT = NamedNode("http://example.org/r/elbow/actions/rotate")
 

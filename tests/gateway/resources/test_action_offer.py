@@ -13,9 +13,9 @@ from linked_fleet_gateway.extensions.people.terms import LF as PEOPLE_LF
 from linked_fleet_gateway.extensions.queue.terms import LF as QUEUE_LF
 from linked_fleet_gateway.extensions.reach.can_reach import LF
 from linked_fleet_gateway.extensions.world.placement import LF as WORLD_LF
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, METHODS, PREFIXES, RDF
 from linked_fleet_gateway.resources.action_offer import action_definitions, fleet_offers, joint_offers, robot_offers
 from linked_fleet_rdf.turtle import write_turtle
+from linked_fleet_rdf.vocabulary import DCTERMS, HTTP, HYBRIT, METHODS, PREFIXES, RDF
 
 _LIMIT = '<limit lower="-1" upper="1" velocity="1" effort="1"/>'
 _JOINTS = {

@@ -11,7 +11,7 @@ from pyoxigraph import NamedNode, Triple
 
 from all_terms import LF
 from graphs import graph_of
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDF, ROS, SH, SOSA, XHV, Namespace
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDF, ROS, SH, SOSA, XHV, Namespace
 from linked_fleet_shacl import CompiledShape, Data, compile_shape
 from sample_resources import BASE, blueprint_path, described, described_paths, tree
 

@@ -2,10 +2,10 @@
 
 import pytest
 
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.resources.message_body import message_types
 from linked_fleet_gateway.resources.resource import Rendition, Resource
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import RDF_TYPES
 
 
 def _describe(graph: Graph) -> None:

@@ -6,7 +6,7 @@ import pytest
 from msgspec import structs
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.rdf.vocabulary import LF, VOM
+from linked_fleet_rdf.vocabulary import LF, VOM
 
 _SOUND = '<limit lower="-1" upper="2" velocity="2" effort="1"/>'
 _DBL_MAX = "1.7976931348623157e308"

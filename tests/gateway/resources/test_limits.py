@@ -6,7 +6,7 @@ import rdflib
 from pyoxigraph import Literal, NamedNode
 
 from graphs import graph_of
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, SH, XSD
+from linked_fleet_rdf.vocabulary import HYBRIT, SH, XSD
 from sample_resources import BASE, described, described_paths, tree
 
 _LIMITS = (SH.minInclusive, SH.maxInclusive, SH.minExclusive, SH.maxExclusive)

@@ -11,19 +11,19 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
-from linked_fleet_gateway.fleet.events import Appeared, Described
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
-from linked_fleet_gateway.rdf.templates import Markers
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES, XSD
 from linked_fleet_gateway.resources.description import MeasuredDescription
 from linked_fleet_gateway.resources.property import Measurement
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.subscription_resource import describe_version
 from linked_fleet_gateway.resources.templates import Rendering, Versions, is_measured
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import TEXT_TYPES, render
+from linked_fleet_rdf.templates import Markers
+from linked_fleet_rdf.vocabulary import PREFIXES, XSD
+from linked_fleet_state.events import Appeared, Described
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
 from properties import examples
 
 _BASE = "http://example.org"

@@ -7,7 +7,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.fleet.model import RobotModel
 from linked_fleet_gateway.resources.paths import (
     joint_or_link,
     joint_path,
@@ -18,6 +17,7 @@ from linked_fleet_gateway.resources.paths import (
     robot_path,
     thing_at,
 )
+from linked_fleet_state.model import RobotModel
 
 _TWINS = """<robot name="twins">
   <link name="base"/><link name="subscriptions"/><link name="a b/ü"/><link name="j~link"/>

@@ -2,10 +2,10 @@
 
 import pytest
 
-from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge
-from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_base.errors import BadRequest, PayloadTooLarge
 from linked_fleet_gateway.resources.json_form import form_of
 from linked_fleet_gateway.resources.plain_json import parse_json_body
+from linked_fleet_rdf.vocabulary import LF
 
 IRI = "http://127.0.0.1:8000/arm/title"
 

@@ -11,23 +11,23 @@ from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import Description
-from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.world.placement import placement
-from linked_fleet_gateway.fleet.events import Appeared, Described
-from linked_fleet_gateway.fleet.fleet import DESCRIPTION_WAIT_NS, Fleet
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.http.body import BODY_TYPES
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import parse, render
-from linked_fleet_gateway.rdf.validation import ground_statements
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.annotations import MAX_ANNOTATIONS, annotate
 from linked_fleet_gateway.resources.body_values import Setting
 from linked_fleet_gateway.resources.body_values import robot_settings as settings_of
 from linked_fleet_gateway.resources.describe import Describer
 from linked_fleet_gateway.resources.property import Measurement, Property
 from linked_fleet_gateway.resources.settable import setting_properties
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import parse, render
 from linked_fleet_rdf.turtle import write_turtle
+from linked_fleet_rdf.validation import ground_statements
+from linked_fleet_rdf.vocabulary import PREFIXES
+from linked_fleet_state.events import Appeared, Described
+from linked_fleet_state.fleet import DESCRIPTION_WAIT_NS, Fleet
+from linked_fleet_state.robot import Robot
 from properties import examples
 
 _BASE, _OTHER = "http://fleet.example:8000", "https://robots.example.org"

@@ -9,14 +9,14 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.fleet.observation import rounded
-from linked_fleet_gateway.rdf.graph import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
-from linked_fleet_gateway.rdf.shapes import load_turtle
-from linked_fleet_gateway.rdf.vocabulary import LF, XSD
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.resources.joint_limits import MAX_TURNS, maximum_literal, minimum_literal, position_bounds
 from linked_fleet_gateway.resources.shape_parameters import COMPLETIONS, commandable_joints, moved_links
+from linked_fleet_rdf.graph import DEGREE, METRE, MILLIMETRE, RADIAN, UNITS
+from linked_fleet_rdf.shapes import load_turtle
+from linked_fleet_rdf.vocabulary import LF, XSD
+from linked_fleet_state.model import RobotModel
+from linked_fleet_state.observation import rounded
 
 _URDF = """<robot name="r"><link name="a"/><link name="b"/><joint name="j" type="{}"><parent link="a"/>
 <child link="b"/><axis xyz="0 0 1"/><limit lower="{!r}" upper="{!r}" velocity="2" effort="1"/></joint></robot>"""

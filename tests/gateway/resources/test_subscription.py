@@ -13,11 +13,7 @@ from pyoxigraph import Literal, NamedNode, Triple
 from rdflib.compare import isomorphic
 
 from all_terms import LF
-from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import parse
-from linked_fleet_gateway.rdf.shapes import load_turtle
-from linked_fleet_gateway.rdf.vocabulary import HTTP, HYBRIT, LDP, METHODS, PREFIXES, RDF
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_resource import (
     SubscriptionRequest,
@@ -29,7 +25,11 @@ from linked_fleet_gateway.resources.subscription_resource import (
     read_request,
     subscription_path,
 )
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import parse
+from linked_fleet_rdf.shapes import load_turtle
 from linked_fleet_rdf.turtle import write_turtle
+from linked_fleet_rdf.vocabulary import HTTP, HYBRIT, LDP, METHODS, PREFIXES, RDF
 from properties import examples
 
 _BASE = "http://example.org"

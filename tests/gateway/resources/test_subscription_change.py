@@ -4,13 +4,13 @@ from dataclasses import replace
 
 import pytest
 
-from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.patch.sparql_update import apply_update, parse_update
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.subscription import ChangeableOptions, Delivery, Depth, Kind, Record, Subscription
 from linked_fleet_gateway.resources.subscription_change import changed_options, managed_option_statements
 from linked_fleet_gateway.resources.subscription_resource import describe_subscription, subscription_path
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.vocabulary import PREFIXES
 
 _BASE = "http://example.org"
 _SECRET, _OTHER = (f"whsec_{'MfKQ9r8GKYqrTwjUPD8ILPZIo2LaLa'}{each}" for each in ("Sw", "SQ"))

@@ -8,15 +8,15 @@ from pyoxigraph import Literal
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
-from linked_fleet_gateway.fleet.events import Appeared, Described
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.rdf.serialise import TEXT_TYPES, render
-from linked_fleet_gateway.rdf.templates import RowTemplate, Template
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.templates import Templates
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_rdf.serialise import TEXT_TYPES, render
+from linked_fleet_rdf.templates import RowTemplate, Template
+from linked_fleet_rdf.vocabulary import PREFIXES
+from linked_fleet_state.events import Appeared, Described
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
 
 _BASE = "http://example.org:8000"
 _URDF = """

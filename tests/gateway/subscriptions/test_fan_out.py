@@ -22,13 +22,13 @@ from fan_out_world import (
     limit_turn,
     watch,
 )
-from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Event, Framed, Vanished
-from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
-from linked_fleet_gateway.identity.rights import View
 from linked_fleet_gateway.resources.subscription import Depth
 from linked_fleet_gateway.subscriptions import fan_out
 from linked_fleet_gateway.subscriptions.broadcast import Ending, Message
 from linked_fleet_gateway.subscriptions.topic import Topic
+from linked_fleet_identity.rights import View
+from linked_fleet_state.events import Appeared, Described, DescriptionRejected, Event, Framed, Vanished
+from linked_fleet_state.invocations import Invocation, InvocationState
 
 pytestmark = pytest.mark.usefixtures("outlet_kinds")
 

@@ -6,10 +6,10 @@ import pytest
 
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.fleet.events import Appeared
-from linked_fleet_gateway.fleet.fleet import Change
 from linked_fleet_gateway.subscriptions import live as live_module
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_state.events import Appeared
+from linked_fleet_state.fleet import Change
 from serving import until
 from virtual.zenoh_network import ZenohNetwork
 

@@ -14,10 +14,7 @@ import pytest
 from fake_robots import joint, link, robot
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description, State
-from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.resources.subscription import Delivery, DeliveryState, Kind, Subscription
 from linked_fleet_gateway.resources.tree import Tree
 from linked_fleet_gateway.subscriptions import service as service_module
@@ -28,6 +25,9 @@ from linked_fleet_gateway.subscriptions.service import Subscriptions
 from linked_fleet_gateway.subscriptions.store import News, SubscriptionLimitReached, SubscriptionStore
 from linked_fleet_gateway.subscriptions.streams import Streams
 from linked_fleet_gateway.subscriptions.watcher import Watcher
+from linked_fleet_state.events import Appeared, Described, Framed
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import Invocations
 from linked_fleet_webhooks.network import Network
 from redis_servers import Servers, single
 from running import PATIENCE_S

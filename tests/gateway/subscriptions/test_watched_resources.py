@@ -2,7 +2,7 @@
 
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
+from linked_fleet_state.invocations import Invocation, InvocationState
 from virtual.zenoh_network import ZenohNetwork
 
 

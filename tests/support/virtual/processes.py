@@ -20,10 +20,10 @@ from linked_fleet_agent.serving import load_robots, serve
 from linked_fleet_agent.settings import SettingsError, read_settings
 from linked_fleet_gateway.app.application import create_app, create_sockets
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.identity.roster import BadRoster
-from linked_fleet_gateway.link.transport import LinkError, Session
-from linked_fleet_gateway.runtime.log import create_formatter
-from linked_fleet_gateway.runtime.redis import InvalidUrl
+from linked_fleet_identity.roster import BadRoster
+from linked_fleet_link.transport import LinkError, Session
+from linked_fleet_runtime.log import create_formatter
+from linked_fleet_runtime.redis import InvalidUrl
 from linked_fleet_server.server import Server
 from state_home import state_home
 from virtual.confined import Confined, confined

@@ -6,8 +6,8 @@ from contextlib import asynccontextmanager
 
 import pytest
 
-from linked_fleet_gateway.base.errors import RedisUnavailable
-from linked_fleet_gateway.runtime.redis import Connection
+from linked_fleet_base.errors import RedisUnavailable
+from linked_fleet_runtime.redis import Connection
 from virtual.loop import VirtualLoop, virtual_time
 from virtual.redis_server import RedisServer
 

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import pytest
 
 from linked_fleet_agent.wire.keys import Keys
-from linked_fleet_gateway.link.transport import Answer, Question
+from linked_fleet_link.transport import Answer, Question
 from virtual.confined import confined
 from virtual.loop import VirtualLoop, on_virtual_time
 from virtual.zenoh_agent import AgentSession

@@ -8,7 +8,7 @@ from typing import Self
 from linked_fleet_agent.transport import Query, TransportError
 from linked_fleet_agent.wire import parts
 from linked_fleet_agent.wire.traceparent import MAX_BYTES
-from linked_fleet_gateway.link.transport import Answer, Question, readable_error
+from linked_fleet_link.transport import Answer, Question, readable_error
 from virtual.zenoh_connection import Connection
 from virtual.zenoh_sessions import Declaration, Session, bounded, intersects, peer_of
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TypeVar
 
-from linked_fleet_gateway.fleet.events import Payload
-from linked_fleet_gateway.link.transport import Answer, Question, TransportError
+from linked_fleet_link.transport import Answer, Question, TransportError
+from linked_fleet_state.events import Payload
 from virtual.zenoh_connection import Connection
 from virtual.zenoh_sessions import Session, bounded, peer_of
 
@@ -27,7 +27,7 @@ class _Asked:
 
 
 class GatewaySession(Session):
-    """Implements ``linked_fleet_gateway.link.transport.Session``."""
+    """Implements ``linked_fleet_link.transport.Session``."""
 
     error = TransportError
 

@@ -26,7 +26,7 @@ from itertools import product
 from random import Random
 
 from linked_fleet_agent.wire.transport import GATEWAY_LEASE_MS
-from linked_fleet_gateway.link.transport import Opener
+from linked_fleet_link.transport import Opener
 from virtual.zenoh_agent import AgentSession
 from virtual.zenoh_connection import Connection, Faults
 from virtual.zenoh_gateway import GatewaySession

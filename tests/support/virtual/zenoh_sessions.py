@@ -8,7 +8,7 @@ from functools import lru_cache, partial
 from types import TracebackType
 from typing import Any, Literal, Self
 
-from linked_fleet_gateway.fleet.events import Payload
+from linked_fleet_state.events import Payload
 from virtual.confined import confined
 from virtual.zenoh_connection import Connection, Priority
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator, Mapping
 
 from msgspec import Struct
 
+from linked_fleet_base.spreadsheet import csv_table
 from linked_fleet_gateway.api import (
     DCTERMS,
     LDP,
@@ -17,13 +18,12 @@ from linked_fleet_gateway.api import (
     robot_path,
     timestamp,
 )
-from linked_fleet_gateway.base.spreadsheet import csv_table
 from linked_fleet_gateway.extensions.audit.entry import AuditEntry
 from linked_fleet_gateway.extensions.audit.query import Query
 from linked_fleet_gateway.extensions.audit.search import BY_PAGE, Found
 from linked_fleet_gateway.faces import lexical_time
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.rdf.vocabulary import PROV, XHV
+from linked_fleet_rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.vocabulary import PROV, XHV
 
 LF: Namespace = CORE.extended("Audit filter newestEntry byPage")
 PATH = "/audit"

@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.pages.api import (
     timeline_link,
     translated,
 )
-from linked_fleet_gateway.rdf.vocabulary import PROV, XHV
+from linked_fleet_rdf.vocabulary import PROV, XHV
 
 OUTCOMES = (("", "any"), ("succeeded", "done"), ("refused", "refused"), ("failed", "failed"), ("ended", "ended"))
 """Values of the parameter ``outcome``, in words."""

@@ -9,8 +9,8 @@ from urllib.parse import urlencode
 from msgspec import Struct
 from msgspec.structs import asdict
 
+from linked_fleet_base.instants import parse_instant
 from linked_fleet_gateway.api import BadRequest
-from linked_fleet_gateway.base.instants import parse_instant
 
 PAGE_SIZE = 100
 MOST_ENTRIES = 1000

@@ -23,7 +23,7 @@ from linked_fleet_gateway.api import (
 from linked_fleet_gateway.extensions.boards.board import Board, describe_board, read_board
 from linked_fleet_gateway.extensions.boards.terms import LF
 from linked_fleet_gateway.faces import Identity, Tree, View, properties_at
-from linked_fleet_gateway.rdf.vocabulary import VOM
+from linked_fleet_rdf.vocabulary import VOM
 
 HERE = Path(__file__).parent
 SEGMENT = "boards"

@@ -9,7 +9,7 @@ from linked_fleet_agent.wire.codec import HEADER, PictureHeader, WireError, deco
 from linked_fleet_agent.wire.keys import MAX_NAME_BYTES, escape
 from linked_fleet_agent.wire.messages import MAX_PIXELS, Camera, PictureFormat
 from linked_fleet_gateway.api import robot_of, robot_path
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.robot import Robot
 
 FRAME_MEDIA_TYPE = "application/vnd.linked-fleet.frame"
 _FARTHEST_M, _AROUND_BYTES = 1e6, 4096

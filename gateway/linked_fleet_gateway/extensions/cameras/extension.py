@@ -12,6 +12,7 @@ from typing import Any
 
 from starlette.responses import Response
 
+from linked_fleet_base.errors import NotAcceptable
 from linked_fleet_gateway.api import (
     Content,
     Core,
@@ -24,7 +25,6 @@ from linked_fleet_gateway.api import (
     choose,
     read_resource,
 )
-from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.extensions.cameras.cameras import FORMATS
 from linked_fleet_gateway.extensions.cameras.operations import operations
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures

@@ -10,7 +10,7 @@ from linked_fleet_gateway.extensions.openapi.api import (
     resource_path_items,
     segment_schema,
 )
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.robot import Robot
 
 
 def operations(view: RequestView) -> dict[str, Json]:

@@ -11,8 +11,8 @@ from typing import Protocol, Self
 
 from linked_fleet_agent.wire.codec import encode
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Camera, PictureFormat, PictureQuery
+from linked_fleet_base.errors import AgentTimeout, Busy, Offline
 from linked_fleet_gateway.api import Resource, cancel_tasks, supervised
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Offline
 from linked_fleet_gateway.extensions.cameras.cameras import (
     FORMATS,
     Picture,
@@ -22,8 +22,8 @@ from linked_fleet_gateway.extensions.cameras.cameras import (
     size_limit,
 )
 from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ, RobotCamera
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.serving import Live, NoAnswer
+from linked_fleet_state.robot import Robot
 
 log = logging.getLogger(__name__)
 

@@ -32,14 +32,14 @@ from linked_fleet_gateway.extensions.cameras.cameras import (
     types_of,
 )
 from linked_fleet_gateway.faces import Describer
-from linked_fleet_gateway.fleet.model import Link
-from linked_fleet_gateway.fleet.observation import Observation
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import HERTZ, METRE, RADIAN, Graph, integer
-from linked_fleet_gateway.rdf.serialise import NoContentYet
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, QUDT, RDFS, SOSA
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.resources.binary_frames import FRAME_TYPES, Field, add_field, describe_layout, layout_path
+from linked_fleet_rdf.graph import HERTZ, METRE, RADIAN, Graph, integer
+from linked_fleet_rdf.serialise import NoContentYet
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LDP, QUDT, RDFS, SOSA
+from linked_fleet_rdf.vocabulary import LF as CORE
+from linked_fleet_state.model import Link
+from linked_fleet_state.observation import Observation
+from linked_fleet_state.robot import Robot
 
 LF = CORE.extended(
     "Camera Cameras FleetCameras CameraShape CamerasShape FleetCamerasShape cameras allCameras imageWidth"

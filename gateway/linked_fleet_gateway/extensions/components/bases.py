@@ -8,7 +8,7 @@ from linked_fleet_agent.planar import DriveLimits, Pose
 from linked_fleet_agent.wire.components import Component
 from linked_fleet_gateway.extensions.components.state import ComponentState
 from linked_fleet_gateway.extensions.components.terms import LF
-from linked_fleet_gateway.fleet.driving import FollowedPath
+from linked_fleet_state.driving import FollowedPath
 
 _BASE = LF.extended("Base").Base.value
 

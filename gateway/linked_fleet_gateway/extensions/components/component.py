@@ -8,8 +8,8 @@ from linked_fleet_agent.wire.components import BASE, Component
 from linked_fleet_gateway.extensions.components.declarations import CompiledComponent, compile_declarations
 from linked_fleet_gateway.extensions.components.state import ComponentState, RobotState
 from linked_fleet_gateway.faces import joint_path, part_path, robot_path
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.model import RobotModel
+from linked_fleet_state.robot import Robot
 
 BASES = 16
 """Base URLs for which descriptions are kept."""

@@ -13,7 +13,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from linked_fleet_agent.wire.components import Action, Component, Event, Property
 from linked_fleet_agent.wire.schema import Schema, value_problem
-from linked_fleet_gateway.base.errors import Statement
+from linked_fleet_base.errors import Statement
 from linked_fleet_gateway.extensions.components.places import (
     Kind,
     Place,
@@ -31,9 +31,9 @@ from linked_fleet_gateway.extensions.components.values import (
     value_in,
 )
 from linked_fleet_gateway.extensions.components.vocabulary import describe_event, describe_link, describe_terms
-from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.validation import ShaclValidator, reachable_statements
-from linked_fleet_gateway.rdf.vocabulary import LF, OWL, PREFIXES
+from linked_fleet_rdf.graph import Graph, Node
+from linked_fleet_rdf.validation import ShaclValidator, reachable_statements
+from linked_fleet_rdf.vocabulary import LF, OWL, PREFIXES
 from linked_fleet_shacl import Data
 
 _NOTHING = Schema(type="object")

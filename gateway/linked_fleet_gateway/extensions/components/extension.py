@@ -31,7 +31,7 @@ from linked_fleet_gateway.extensions.components.receipt import Receipt
 from linked_fleet_gateway.extensions.components.streams import Streams
 from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.faces import Invoke
-from linked_fleet_gateway.rdf.vocabulary import OWL
+from linked_fleet_rdf.vocabulary import OWL
 
 log = logging.getLogger(__name__)
 

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from linked_fleet_agent.wire.components import Action, Component
 from linked_fleet_agent.wire.kinds import LF
 from linked_fleet_agent.wire.schema import MAX_CHOICES, Schema
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_state.model import RobotModel
 
 JOGGING, JOG_JOINTS, JOG_HAND = LF + "Jogging", "jogJoints", "jogHand"
 FRAMES = ("hand", "root", "world")

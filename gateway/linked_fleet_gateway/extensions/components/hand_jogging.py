@@ -14,14 +14,14 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from linked_fleet_agent.wire.schema import Schema
-from linked_fleet_gateway.base.contributions import present
+from linked_fleet_base.contributions import present
 from linked_fleet_gateway.extensions.components.component import DeclaredComponent
 from linked_fleet_gateway.extensions.components.hand_declaration import JOG_HAND, JOG_JOINTS
-from linked_fleet_gateway.fleet.joint_chain import Chain, chain_to, known_position
-from linked_fleet_gateway.fleet.kinematics import compose
-from linked_fleet_gateway.fleet.model import JointKind, ModelError
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.xml import rotation
+from linked_fleet_state.joint_chain import Chain, chain_to, known_position
+from linked_fleet_state.kinematics import compose
+from linked_fleet_state.model import JointKind, ModelError
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.xml import rotation
 
 Array = npt.NDArray[np.float64]
 

@@ -16,9 +16,9 @@ from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.extensions.components.units import declared_unit
 from linked_fleet_gateway.extensions.components.values import add_value, has_more_values
 from linked_fleet_gateway.faces import DeclaredForm, Json, Measurement, Offer, Property
-from linked_fleet_gateway.fleet.observation import Observation
-from linked_fleet_gateway.rdf.graph import Graph, integer, moment, timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, SOSA, XSD
+from linked_fleet_rdf.graph import Graph, integer, moment, timestamp
+from linked_fleet_rdf.vocabulary import DCTERMS, SOSA, XSD
+from linked_fleet_state.observation import Observation
 
 _TIME: Json = {"type": "string", "format": "date-time"}
 _MOST_AT_ONCE = 200

@@ -11,8 +11,8 @@ from decimal import Decimal
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.schema import MAX_INTEGER, MAX_NUMBER, Schema
-from linked_fleet_gateway.rdf.graph import integer, lexical
-from linked_fleet_gateway.rdf.vocabulary import SH, XSD
+from linked_fleet_rdf.graph import integer, lexical
+from linked_fleet_rdf.vocabulary import SH, XSD
 
 Range = Mapping[NamedNode, Literal]
 

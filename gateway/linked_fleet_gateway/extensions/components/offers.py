@@ -10,7 +10,7 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from linked_fleet_agent.wire.components import MAX_INPUT_BYTES, Action, StreamLimits
 from linked_fleet_agent.wire.keys import escape
 from linked_fleet_agent.wire.messages import StreamCounts
-from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
+from linked_fleet_base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.extensions.components.component import DeclaredComponent
 from linked_fleet_gateway.extensions.components.declarations import Input
 from linked_fleet_gateway.extensions.components.items import schema_json
@@ -26,10 +26,10 @@ from linked_fleet_gateway.faces import (
     Right,
     action_definitions,
 )
-from linked_fleet_gateway.rdf.graph import SECOND, Graph, Node
-from linked_fleet_gateway.rdf.validation import find_root, refuse_statements
-from linked_fleet_gateway.rdf.vocabulary import LDP, METHODS
+from linked_fleet_rdf.graph import SECOND, Graph, Node
 from linked_fleet_rdf.json_input import ParseError, load_json
+from linked_fleet_rdf.validation import find_root, refuse_statements
+from linked_fleet_rdf.vocabulary import LDP, METHODS
 
 _RESET = LF.extended("ResetProtectiveStop").ResetProtectiveStop
 """The kind of action that lets a robot move again after a protective stop."""

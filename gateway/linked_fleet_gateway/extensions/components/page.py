@@ -11,7 +11,7 @@ from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.pages.thing_views import PRESENCE, Card, actions, cards, path_below, presence
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, RDFS
 
 
 def component(facts: Facts, iri: NamedNode) -> Part:

@@ -28,14 +28,14 @@ from linked_fleet_gateway.extensions.components.state import RobotState
 from linked_fleet_gateway.extensions.components.terms import LF
 from linked_fleet_gateway.extensions.components.values import add_members, add_value, has_more_values
 from linked_fleet_gateway.faces import Json, Offer, PartCopier, Property, RobotPart, link_path, parts_of, robot_path
-from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
-from linked_fleet_gateway.fleet.driving import FollowedPath
-from linked_fleet_gateway.fleet.gripper import Gripper
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import HERTZ, SECOND, Graph, integer
-from linked_fleet_gateway.rdf.vocabulary import RDF, RDFS, SOSA
+from linked_fleet_rdf.graph import HERTZ, SECOND, Graph, integer
+from linked_fleet_rdf.vocabulary import RDF, RDFS, SOSA
+from linked_fleet_state.answers import DescriptionAndComponents
+from linked_fleet_state.driving import FollowedPath
+from linked_fleet_state.gripper import Gripper
+from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.model import RobotModel
+from linked_fleet_state.robot import Robot
 
 _RESERVED = ("actions", "blueprint", "linkset", "subscriptions")
 """Segments below a component that are no properties of it."""

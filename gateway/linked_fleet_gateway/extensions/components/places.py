@@ -17,7 +17,7 @@ from msgspec import Struct
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.schema import Schema
-from linked_fleet_gateway.rdf.vocabulary import RDF
+from linked_fleet_rdf.vocabulary import RDF
 
 Kind = Literal["property", "action", "input", "feedback", "result", "event"]
 

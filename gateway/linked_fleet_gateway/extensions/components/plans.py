@@ -7,16 +7,16 @@ import msgspec
 from msgspec.structs import replace
 
 from linked_fleet_agent.planar import Velocity
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.api import ActionRequest, Conflict, DeferredPlan, Motion
-from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.components.bases import drive_limits, is_base, way_of
 from linked_fleet_gateway.extensions.components.component import DeclaredComponent
 from linked_fleet_gateway.extensions.components.hand_declaration import JOG_HAND, JOG_JOINTS, JOGGING
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer, InputBody
 from linked_fleet_gateway.extensions.components.things import without_things
-from linked_fleet_gateway.fleet.driving import Drive
-from linked_fleet_gateway.fleet.jogging import JointDrive
 from linked_fleet_gateway.serving import Act
+from linked_fleet_state.driving import Drive
+from linked_fleet_state.jogging import JointDrive
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.components import hand_jogging

@@ -22,8 +22,8 @@ from linked_fleet_gateway.extensions.components.part import ComponentPart, parts
 from linked_fleet_gateway.extensions.components.plans import plan
 from linked_fleet_gateway.extensions.components.state import Change, RobotState
 from linked_fleet_gateway.extensions.components.things import with_things
-from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
 from linked_fleet_gateway.serving import NoAnswer
+from linked_fleet_state.answers import DescriptionAndComponents
 
 _log = logging.getLogger(__name__)
 

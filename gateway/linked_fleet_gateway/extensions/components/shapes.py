@@ -22,10 +22,10 @@ from linked_fleet_gateway.extensions.components.limits import (
 from linked_fleet_gateway.extensions.components.places import Place
 from linked_fleet_gateway.extensions.components.things import ThingSchema
 from linked_fleet_gateway.extensions.components.units import accepted_units, declared_unit
-from linked_fleet_gateway.rdf.graph import UNITLESS, Graph, Node, Term, Unit, integer
-from linked_fleet_gateway.rdf.validation import COMMON_TYPES
-from linked_fleet_gateway.rdf.vocabulary import LF, MATHS, NUMERIC, QUDT, RDF, UNIT, VOM, XSD
-from linked_fleet_gateway.rdf.vocabulary import SH as _SH
+from linked_fleet_rdf.graph import UNITLESS, Graph, Node, Term, Unit, integer
+from linked_fleet_rdf.validation import COMMON_TYPES
+from linked_fleet_rdf.vocabulary import LF, MATHS, NUMERIC, QUDT, RDF, UNIT, VOM, XSD
+from linked_fleet_rdf.vocabulary import SH as _SH
 
 SH = _SH.extended("closed ignoredProperties zeroOrMorePath oneOrMorePath pattern order defaultValue message BlankNode")
 _TRUE = Literal("true", datatype=XSD.boolean)

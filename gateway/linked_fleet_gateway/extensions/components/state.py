@@ -20,7 +20,7 @@ from linked_fleet_agent.wire.components import (
     Values,
     read_value,
 )
-from linked_fleet_gateway.fleet.observation import Observation
+from linked_fleet_state.observation import Observation
 
 Change = tuple[str, str]
 """Names of a component, and of a property or event of it; the second is empty if anything else has changed."""

@@ -13,6 +13,7 @@ from msgspec import Raw, json
 from msgspec.structs import replace
 from websockets.frames import CloseCode, Opcode
 
+from linked_fleet_base.errors import MotionRefused
 from linked_fleet_gateway.api import (
     ActionRequest,
     Core,
@@ -25,7 +26,6 @@ from linked_fleet_gateway.api import (
     WebSocketHandler,
     cancel_tasks,
 )
-from linked_fleet_gateway.base.errors import MotionRefused
 from linked_fleet_gateway.extensions.components import plans
 from linked_fleet_gateway.extensions.components.offers import ComponentOffer, InputBody
 from linked_fleet_gateway.extensions.components.samples import PERIOD_S, Reports, Samples, Unusable

@@ -1,6 +1,6 @@
 """Terms of components (vocabulary.ttl)."""
 
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.vocabulary import LF as CORE
 
 LF = CORE.extended(
     "Component ComponentShape ComponentAction ComponentProperty ComponentEvent publishedAt unknownAfter moves"

@@ -7,8 +7,8 @@ from msgspec import UNSET
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.schema import Schema
-from linked_fleet_gateway.rdf.graph import ANGULAR, LINEAR, UNITLESS, UNITS, Unit
-from linked_fleet_gateway.rdf.vocabulary import UNIT
+from linked_fleet_rdf.graph import ANGULAR, LINEAR, UNITLESS, UNITS, Unit
+from linked_fleet_rdf.vocabulary import UNIT
 
 _QUANTITIES = (ANGULAR.accepted, ANGULAR.speeds, LINEAR.accepted, LINEAR.speeds)
 

@@ -13,8 +13,8 @@ from linked_fleet_agent.wire.schema import MAX_NUMBER, Schema
 from linked_fleet_gateway.extensions.components.places import Place, is_iri, member_iri, place_of
 from linked_fleet_gateway.extensions.components.things import ThingSchema
 from linked_fleet_gateway.extensions.components.units import declared_unit, in_declared_unit
-from linked_fleet_gateway.rdf.graph import Graph, Node, Term, integer, number
-from linked_fleet_gateway.rdf.vocabulary import LF, MATHS, RDF, VOM, XSD
+from linked_fleet_rdf.graph import Graph, Node, Term, integer, number
+from linked_fleet_rdf.vocabulary import LF, MATHS, RDF, VOM, XSD
 from linked_fleet_shacl import Data
 
 _UNDECLARED = Schema(type="object")

@@ -8,8 +8,8 @@ from linked_fleet_agent.wire.schema import Schema
 from linked_fleet_gateway.extensions.components.limits import forms_of
 from linked_fleet_gateway.extensions.components.places import Place
 from linked_fleet_gateway.extensions.components.units import declared_unit
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, MATHS, QUDT, RDF, RDFS, XSD
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.vocabulary import HYBRIT, MATHS, QUDT, RDF, RDFS, XSD
 
 _RDF, _RDFS = RDF.extended("List"), RDFS.extended("range subPropertyOf isDefinedBy")
 _QUDT = QUDT.extended("minInclusive minExclusive maxInclusive maxExclusive")

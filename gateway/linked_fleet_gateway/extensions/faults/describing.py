@@ -8,7 +8,7 @@ from linked_fleet_gateway.api import Graph, Member, integer, timestamp
 from linked_fleet_gateway.extensions.faults.fault import Fault
 from linked_fleet_gateway.extensions.faults.links import Links
 from linked_fleet_gateway.extensions.faults.terms import LF, STATES
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, VOM
+from linked_fleet_rdf.vocabulary import DCTERMS, VOM
 
 
 def describe(graph: Graph, member: Member[Fault], links: Links) -> None:

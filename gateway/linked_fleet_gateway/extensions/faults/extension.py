@@ -15,6 +15,8 @@ import msgspec
 from prometheus_client.metrics_core import Metric
 from pyoxigraph import Triple
 
+from linked_fleet_base.errors import InsufficientScope
+from linked_fleet_base.settings import FILE, Section, choice, setting, whole_number
 from linked_fleet_gateway.api import (
     ActionRequest,
     Body,
@@ -38,8 +40,6 @@ from linked_fleet_gateway.api import (
     gauges,
     supervised,
 )
-from linked_fleet_gateway.base.errors import InsufficientScope
-from linked_fleet_gateway.base.settings import FILE, Section, choice, setting, whole_number
 from linked_fleet_gateway.extensions.faults.describing import describe, fault_json
 from linked_fleet_gateway.extensions.faults.fault import SEVERITIES, Fault, Severity, acknowledge, clear
 from linked_fleet_gateway.extensions.faults.gateways import Gateways

@@ -8,8 +8,8 @@ import logging
 import time
 from collections.abc import Callable, Iterator, Mapping
 
+from linked_fleet_base.errors import ContainerFull
 from linked_fleet_gateway.api import NotFound, Table
-from linked_fleet_gateway.base.errors import ContainerFull
 from linked_fleet_gateway.extensions.faults.fault import Fault, Sight, Trouble, observe, over
 from linked_fleet_gateway.extensions.faults.signals import Signals
 

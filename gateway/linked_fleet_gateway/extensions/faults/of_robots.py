@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_base.contributions import present
 from linked_fleet_gateway.api import Robot, integer
-from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.faults.fault import SEVERITIES, Fault, Severity
 from linked_fleet_gateway.extensions.faults.terms import LF
 

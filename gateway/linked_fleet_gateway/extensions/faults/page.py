@@ -10,7 +10,7 @@ from linked_fleet_gateway.api import DCTERMS, LDP
 from linked_fleet_gateway.extensions.faults.terms import LF, STATES
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
 from linked_fleet_gateway.extensions.pages.languages import message
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, VOM
+from linked_fleet_rdf.vocabulary import HYBRIT, VOM
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _STATES = (LF.faultConfirmed, LF.faultRaised, LF.faultAcknowledged, LF.faultCleared)

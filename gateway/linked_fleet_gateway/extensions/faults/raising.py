@@ -1,5 +1,6 @@
 """The action by which rules, missions and other clients raise faults."""
 
+from linked_fleet_base.errors import InsufficientScope
 from linked_fleet_gateway.api import (
     DCTERMS,
     ActionRequest,
@@ -12,7 +13,6 @@ from linked_fleet_gateway.api import (
     robot_of,
     thing_at,
 )
-from linked_fleet_gateway.base.errors import InsufficientScope
 from linked_fleet_gateway.extensions.faults.fault import SEVERITIES, Severity, Trouble
 from linked_fleet_gateway.extensions.faults.ledger import Ledger
 from linked_fleet_gateway.extensions.faults.terms import LF

@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.foxglove.messages import (
 )
 from linked_fleet_gateway.extensions.foxglove.protocol import Channel, Parameter, Service, input_schema
 from linked_fleet_gateway.faces import Identity, RobotPart, named_poses, offers_at, parts_of
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.robot import Robot
 
 SPEED = "maximumSpeedScale"
 _SERVICES = ("stop", "stopAll", "assumePose")

@@ -12,8 +12,8 @@ from collections.abc import Awaitable, Callable, Iterator, Mapping, Set
 from functools import partial
 from typing import TYPE_CHECKING
 
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.api import Core, SubprotocolConnection, supervised, time_sliced
-from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.cameras.pictures import Pictures
 from linked_fleet_gateway.extensions.cameras.resources import MAX_RATE_HZ
 from linked_fleet_gateway.extensions.foxglove import messages, protocol
@@ -24,8 +24,8 @@ from linked_fleet_gateway.extensions.world.floor_map import FloorMap
 from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.robot import Robot
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.world.occupancy import OccupancyGrid

@@ -7,13 +7,13 @@ from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 from linked_fleet_agent.wire.messages import State
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, SceneObject, Sphere, TriangleMesh
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.kinematics import LinkPoses, compose
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.xml import Quaternion, Vector
+from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.kinematics import LinkPoses, compose
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.xml import Quaternion, Vector
 
 if TYPE_CHECKING:
     import foxglove

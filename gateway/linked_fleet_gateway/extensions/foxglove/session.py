@@ -7,8 +7,8 @@ from contextlib import suppress
 
 import msgspec
 
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.api import SubprotocolConnection, ask, cancel_tasks, time_sliced
-from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.foxglove import protocol
 from linked_fleet_gateway.extensions.foxglove.catalogue import SPEED, Catalogue, may_see
 from linked_fleet_gateway.extensions.foxglove.protocol import (

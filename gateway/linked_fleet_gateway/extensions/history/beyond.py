@@ -13,7 +13,7 @@ from linked_fleet_gateway.extensions.history.segment import Layout
 from linked_fleet_gateway.extensions.history.shelf import MOST_BYTES, Found
 from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, wall_ns
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_state.model import RobotModel
 
 
 def with_extent(archive: Archive | None, robot: str, page: Page) -> Page:

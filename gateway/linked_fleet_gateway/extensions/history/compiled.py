@@ -18,9 +18,9 @@ from linked_fleet_gateway.extensions.history.describe import (
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.track import Series
 from linked_fleet_gateway.faces import DescriptionTemplate, Rows, lexical_time
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, lexical
-from linked_fleet_gateway.rdf.vocabulary import XSD
+from linked_fleet_rdf.graph import Graph, lexical
+from linked_fleet_rdf.vocabulary import XSD
+from linked_fleet_state.robot import Robot
 
 _COLON = "%3A"  # of times in queries
 

@@ -16,8 +16,7 @@ from linked_fleet_gateway.extensions.history.span import Span, lexical_duration,
 from linked_fleet_gateway.extensions.history.thinning import GAP_NS, is_gap
 from linked_fleet_gateway.extensions.history.track import Excerpt, Series, Track, wall_ns
 from linked_fleet_gateway.faces import Describer
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import (
+from linked_fleet_rdf.graph import (
     METRE,
     METRE_PER_SECOND,
     QUATERNION_AXES,
@@ -31,8 +30,9 @@ from linked_fleet_gateway.rdf.graph import (
     number,
     timestamp,
 )
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, MATHS, QUDT, RDFS, SOSA
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, MATHS, QUDT, RDFS, SOSA
+from linked_fleet_rdf.vocabulary import LF as CORE
+from linked_fleet_state.robot import Robot
 
 LF = CORE.extended(
     "History HistoryList HistoryListShape HistoryShape histories history historySpan samplingPeriod oldestSample "

@@ -15,6 +15,7 @@ from typing import Any, ClassVar
 from prometheus_client.metrics_core import Metric
 from starlette.responses import Response
 
+from linked_fleet_base.settings import Section, setting, whole_number
 from linked_fleet_gateway.api import (
     Core,
     Extension,
@@ -27,7 +28,6 @@ from linked_fleet_gateway.api import (
     gauge,
     read_resource,
 )
-from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.component_values import watching_values
 from linked_fleet_gateway.extensions.history.files import CSV, MCAP
@@ -39,8 +39,8 @@ from linked_fleet_gateway.extensions.history.sending import paced
 from linked_fleet_gateway.extensions.history.span import parse_span
 from linked_fleet_gateway.extensions.history.values import RecordedValues, read_values
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
 from linked_fleet_gateway.serving import check_preconditions
+from linked_fleet_rdf.serialise import TEXT_TYPES
 
 
 async def read_history(request: Request, found: Resource, past: RecordedHistory) -> Response:

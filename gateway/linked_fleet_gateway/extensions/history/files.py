@@ -13,14 +13,14 @@ from dataclasses import dataclass, replace
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.history.ground import Ground
 from linked_fleet_gateway.extensions.history.span import lexical_time
 from linked_fleet_gateway.extensions.history.thinning import is_gap
 from linked_fleet_gateway.extensions.history.track import Excerpt, Numbers, samples
-from linked_fleet_gateway.fleet.kinematics import compose
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.rdf.graph import Unit
+from linked_fleet_rdf.graph import Unit
+from linked_fleet_state.kinematics import compose
+from linked_fleet_state.model import Pose
 
 if TYPE_CHECKING:
     from mcap import writer as mcap

@@ -7,7 +7,7 @@ from linked_fleet_gateway.api import Robot
 from linked_fleet_gateway.extensions.world.floor_map import FloorMap
 from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.world.occupancy import OccupancyGrid

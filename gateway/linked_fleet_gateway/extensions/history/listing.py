@@ -5,17 +5,17 @@ from dataclasses import dataclass
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_base.errors import BadRequest
 from linked_fleet_gateway.api import FleetBranch, Found, RequestView, Resource, Robot, blueprint_of, robot_path
-from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.extensions.history.beyond import with_extent
 from linked_fleet_gateway.extensions.history.describe import LF, Page, describe_disk, describe_extent, extent
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.resources import SEGMENT, HistoryPage, RecordedHistory
 from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.faces import Describer
-from linked_fleet_gateway.rdf.graph import SECOND, Graph
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
+from linked_fleet_rdf.graph import SECOND, Graph
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, RDFS
+from linked_fleet_rdf.vocabulary import LF as CORE_LF
 
 HISTORIES = "/" + SEGMENT
 

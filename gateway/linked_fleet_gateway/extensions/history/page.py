@@ -14,9 +14,9 @@ from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYDRA, QUDT, RDFS, SOSA, VOM
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_rdf.turtle import Term
+from linked_fleet_rdf.vocabulary import DCTERMS, HYDRA, QUDT, RDFS, SOSA, VOM
+from linked_fleet_rdf.vocabulary import LF as CORE
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _MOST_MINUTES = 120

@@ -12,16 +12,16 @@ from contextlib import asynccontextmanager
 from types import TracebackType
 from typing import Self
 
+from linked_fleet_base.errors import Busy
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.api import cancel_tasks, supervised, time_sliced
-from linked_fleet_gateway.base.errors import Busy
-from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.history.archive import Archive
 from linked_fleet_gateway.extensions.history.segment import Layout
 from linked_fleet_gateway.extensions.history.thinning import AHEAD_NS, GAP_NS, gap_after
 from linked_fleet_gateway.extensions.history.track import Track, joints_of, wall_ns
-from linked_fleet_gateway.fleet.events import Latest
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.events import Latest
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.robot import Robot
 
 log = logging.getLogger(__name__)
 

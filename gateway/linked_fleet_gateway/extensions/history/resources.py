@@ -56,11 +56,11 @@ from linked_fleet_gateway.extensions.history.values import VALUES, values_of
 from linked_fleet_gateway.extensions.models.geometry import SUFFIXES, file_name, mesh_path, urdf_with_mesh_addresses
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.faces import DescriptionTemplate, kind_of
-from linked_fleet_gateway.fleet.model import Joint
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import WriteError
 from linked_fleet_gateway.serving import Rendition
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import WriteError
+from linked_fleet_state.model import Joint
+from linked_fleet_state.robot import Robot
 
 SEGMENT = "history"
 _SPACED = 45_000

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from starlette.responses import Response
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import Busy
+from linked_fleet_base.errors import Busy
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.serving import WebLink, link_header
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from urllib.parse import quote
 
-from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_base.errors import BadRequest
 
 MOST = 1000
 """Most observations in one response; files have more."""

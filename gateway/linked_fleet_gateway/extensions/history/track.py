@@ -15,12 +15,12 @@ from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import Base
 from linked_fleet_gateway.api import Property, joint_path, robot_path
 from linked_fleet_gateway.faces import kind_of
-from linked_fleet_gateway.fleet.events import Latest
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose
-from linked_fleet_gateway.fleet.model import Pose, RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, UNITLESS, Unit
-from linked_fleet_gateway.rdf.vocabulary import LF, SPATIAL
+from linked_fleet_rdf.graph import METRE, METRE_PER_SECOND, RADIAN_PER_SECOND, UNITLESS, Unit
+from linked_fleet_rdf.vocabulary import LF, SPATIAL
+from linked_fleet_state.events import Latest
+from linked_fleet_state.kinematics import ORIGIN, LinkPoses, base_pose
+from linked_fleet_state.model import Pose, RobotModel
+from linked_fleet_state.robot import Robot
 
 LATEST_NS = 2**63 - 1
 """No frame has a later stamp."""

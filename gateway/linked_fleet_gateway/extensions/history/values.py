@@ -10,6 +10,7 @@ from functools import partial
 
 from pyoxigraph import Literal
 
+from linked_fleet_base.errors import BadRequest
 from linked_fleet_gateway.api import (
     Found,
     Graph,
@@ -24,7 +25,6 @@ from linked_fleet_gateway.api import (
     read_resource,
     robot_path,
 )
-from linked_fleet_gateway.base.errors import BadRequest
 from linked_fleet_gateway.extensions.history.describe import LF
 from linked_fleet_gateway.extensions.history.files import CSV
 from linked_fleet_gateway.extensions.history.recorder import History
@@ -33,9 +33,9 @@ from linked_fleet_gateway.extensions.history.sending import paced
 from linked_fleet_gateway.extensions.history.shelf import Shelf
 from linked_fleet_gateway.extensions.history.span import MOST, Span, lexical_duration, lexical_time, parse_span, query
 from linked_fleet_gateway.extensions.history.track import LATEST_NS
-from linked_fleet_gateway.rdf.graph import timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, SOSA
 from linked_fleet_gateway.serving import Rendition, check_preconditions
+from linked_fleet_rdf.graph import timestamp
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, SOSA
 
 VALUES = "values"
 _JSON = RDF.extended("JSON").JSON

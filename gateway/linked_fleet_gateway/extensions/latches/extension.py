@@ -11,6 +11,7 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
+from linked_fleet_base.errors import InsufficientScope, MotionRefused
 from linked_fleet_gateway.api import (
     Conflict,
     Container,
@@ -26,7 +27,6 @@ from linked_fleet_gateway.api import (
     gauge,
     timestamp,
 )
-from linked_fleet_gateway.base.errors import InsufficientScope, MotionRefused
 from linked_fleet_gateway.extensions.latches.latch import (
     FLEET,
     Latch,
@@ -36,7 +36,7 @@ from linked_fleet_gateway.extensions.latches.latch import (
 )
 from linked_fleet_gateway.extensions.latches.terms import LF
 from linked_fleet_gateway.faces import Identity, Tree, View
-from linked_fleet_gateway.fleet.unchecked import Finding
+from linked_fleet_state.unchecked import Finding
 
 HERE = Path(__file__).parent
 log = logging.getLogger(__name__)

@@ -15,8 +15,8 @@ from linked_fleet_gateway.api import Robot, await_turn, robot_of
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, content_result, refusal_result
 from linked_fleet_gateway.faces import parts_of
-from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
 from linked_fleet_gateway.serving import Reply, stop_segments
+from linked_fleet_state.invocation import Invocation, InvocationState
 
 _JSON = "application/json"
 _PLAN = "plan"

@@ -19,6 +19,7 @@ from pyoxigraph import Literal
 from starlette.responses import Response
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from linked_fleet_base.settings import Section, setting, whole_number
 from linked_fleet_gateway.api import (
     AsgiResponse,
     Core,
@@ -35,14 +36,13 @@ from linked_fleet_gateway.api import (
     cancel_tasks,
     read_resource,
 )
-from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.mcp.envelope import InvalidMessage, UnderWay, check_envelope, request_id
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, RDFS
 from linked_fleet_gateway.serving import read_body, wants_events
+from linked_fleet_rdf.graph import Graph
 from linked_fleet_rdf.json_input import ParseError, load_json
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.vocabulary import DCTERMS, RDFS
 
 PATH, _TITLE = "/mcp", "Model Context Protocol"
 

@@ -4,8 +4,8 @@ import asyncio
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from linked_fleet_base.errors import PROBLEM_JSON, BadRequest
 from linked_fleet_gateway.api import Core, Request, RequestView, ask
-from linked_fleet_gateway.base.errors import PROBLEM_JSON, BadRequest
 from linked_fleet_gateway.serving import Reply
 
 KEY = "linked-fleet.context"

@@ -15,8 +15,8 @@ from mcp.shared.exceptions import MCPError
 from mcp_types import CallToolResult, TextContent
 from pydantic import Field
 
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.api import Container, joint_path, link_path, robot_of, robot_path, time_sliced
-from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.mcp.message_context import MessageContext
 from linked_fleet_gateway.extensions.mcp.tool import Progress, Target, Tool, content_result, is_text
 from linked_fleet_gateway.faces import (
@@ -29,9 +29,9 @@ from linked_fleet_gateway.faces import (
     parts_of,
     properties_at,
 )
-from linked_fleet_gateway.fleet.model import Joint
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.serving import ReplyTooLong
+from linked_fleet_state.model import Joint
+from linked_fleet_state.robot import Robot
 
 _JSONLD, _TURTLE = "application/ld+json", "text/turtle"
 _ACCEPT = {

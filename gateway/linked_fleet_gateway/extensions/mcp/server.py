@@ -16,7 +16,7 @@ from mcp.shared.exceptions import MCPError
 from sse_starlette.sse import AppStatus
 from starlette.types import Receive, Scope, Send
 
-from linked_fleet_gateway.base.errors import FleetError
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.extensions.mcp.action_tools import Act, Rehearse, Stop
 from linked_fleet_gateway.extensions.mcp.extension import McpSettings
 from linked_fleet_gateway.extensions.mcp.message_context import KEY, MessageContext

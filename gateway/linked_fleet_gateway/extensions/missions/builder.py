@@ -14,7 +14,7 @@ from linked_fleet_gateway.api import (
     blueprint_of,
 )
 from linked_fleet_gateway.extensions.missions.terms import LF
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT
+from linked_fleet_rdf.vocabulary import HYBRIT
 
 SEGMENT = "builder"
 _BLUEPRINT = "blueprint"

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
+from linked_fleet_base.errors import PayloadTooLarge
 from linked_fleet_gateway.api import BadRequest, UnprocessableContent
-from linked_fleet_gateway.base.errors import PayloadTooLarge
 from linked_fleet_gateway.extensions.missions.findings import Findings
 from linked_fleet_gateway.extensions.missions.mission import Mission, Wait, walk_paths
 from linked_fleet_gateway.extensions.query.service import Queries

@@ -27,8 +27,8 @@ from linked_fleet_gateway.extensions.missions.record import Run, StepRun
 from linked_fleet_gateway.extensions.missions.terms import JSON, LF
 from linked_fleet_gateway.extensions.missions.values import term
 from linked_fleet_gateway.extensions.rules.template import ROOT, triples_of
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import PROV, XSD
+from linked_fleet_rdf.graph import Node
+from linked_fleet_rdf.vocabulary import PROV, XSD
 
 TYPES = {
     "number": LF.number, "integer": LF.wholeNumber, "boolean": LF.truth, "text": LF.textValue, "iri": LF.thing,

@@ -13,6 +13,8 @@ import msgspec
 from prometheus_client.metrics_core import Metric
 from pyoxigraph import Triple
 
+from linked_fleet_base.errors import InsufficientScope
+from linked_fleet_base.settings import Section, setting, whole_number
 from linked_fleet_gateway.api import (
     ActionRequest,
     Body,
@@ -33,8 +35,6 @@ from linked_fleet_gateway.api import (
     UnprocessableContent,
     gauges,
 )
-from linked_fleet_gateway.base.errors import InsufficientScope
-from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.missions.builder import with_builder
 from linked_fleet_gateway.extensions.missions.conditions import Conditions
 from linked_fleet_gateway.extensions.missions.describing import describe_mission, describe_run, run_json
@@ -57,8 +57,8 @@ from linked_fleet_gateway.extensions.missions.values import Value, is_free, samp
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.faces import Identity, Offer, Tree, View
-from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.serving import Caller
+from linked_fleet_rdf.graph import Node
 
 HERE = Path(__file__).parent
 

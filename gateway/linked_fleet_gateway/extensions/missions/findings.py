@@ -6,10 +6,10 @@ from contextlib import contextmanager
 
 from pyoxigraph import BlankNode
 
+from linked_fleet_base.errors import Statement
 from linked_fleet_gateway.api import FleetError
-from linked_fleet_gateway.base.errors import Statement
 from linked_fleet_gateway.extensions.missions.mission import Step
-from linked_fleet_gateway.rdf.vocabulary import SH
+from linked_fleet_rdf.vocabulary import SH
 
 Finding = dict[str, str]
 _MOST, _MOST_TEXT = 200, 500

@@ -25,7 +25,7 @@ from linked_fleet_gateway.extensions.pages.api import (
     timeline_link,
     translated,
 )
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, PROV
+from linked_fleet_rdf.vocabulary import HYBRIT, PROV
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _WORDS = {

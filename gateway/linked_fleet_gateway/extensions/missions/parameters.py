@@ -12,8 +12,8 @@ from linked_fleet_gateway.extensions.missions.mission import Mission, Parameter
 from linked_fleet_gateway.extensions.missions.terms import LF
 from linked_fleet_gateway.extensions.missions.values import DATATYPES, Value, term, value_of
 from linked_fleet_gateway.faces import ActionDefinition, Offer
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import METHODS, NUMERIC, SH, XSD
+from linked_fleet_rdf.graph import Node
+from linked_fleet_rdf.vocabulary import METHODS, NUMERIC, SH, XSD
 
 RUN = "run"
 _DEFAULT = SH.extended("defaultValue").defaultValue

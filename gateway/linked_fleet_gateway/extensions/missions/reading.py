@@ -28,7 +28,7 @@ from linked_fleet_gateway.extensions.missions.terms import JSON, LF
 from linked_fleet_gateway.extensions.missions.values import value_of, variables_of
 from linked_fleet_gateway.extensions.rules.template import template
 from linked_fleet_gateway.faces import DeclaredForm
-from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_rdf.graph import Node
 
 _Record = TypeVar("_Record")
 _KINDS = {iri: name for name, iri in TYPES.items()}

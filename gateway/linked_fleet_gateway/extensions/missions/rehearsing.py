@@ -28,9 +28,9 @@ from linked_fleet_gateway.extensions.missions.targets import Targets, Values
 from linked_fleet_gateway.extensions.missions.terms import LF
 from linked_fleet_gateway.extensions.missions.values import variables_of
 from linked_fleet_gateway.faces import Offer, Tree, kind_of
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import SECOND, Node
 from linked_fleet_gateway.serving import Caller
+from linked_fleet_rdf.graph import SECOND, Node
+from linked_fleet_state.robot import Robot
 
 MOST_S, MOST_STEPS = 20.0, 1000
 """The time for all steps of a mission, and how many are looked at, those of its missions and of repeats included."""
@@ -209,7 +209,7 @@ class Rehearsing:
                 robot=name,
                 moved=moved,
                 describe_path=said.describe_path if said.path is not None else None,
-            )  # fmt: skip
+            )
         )
         return _End(said.duration_s, after)
 

@@ -8,6 +8,7 @@ from contextlib import suppress
 
 from msgspec.structs import replace
 
+from linked_fleet_base.errors import NotReadYet
 from linked_fleet_gateway.api import (
     Busy,
     Core,
@@ -18,7 +19,6 @@ from linked_fleet_gateway.api import (
     cancel_tasks,
     robot_of,
 )
-from linked_fleet_gateway.base.errors import NotReadYet
 from linked_fleet_gateway.extensions.missions.conditions import Conditions
 from linked_fleet_gateway.extensions.missions.mission import Invoke, Wait, step_at
 from linked_fleet_gateway.extensions.missions.progress import with_step
@@ -26,7 +26,7 @@ from linked_fleet_gateway.extensions.missions.record import ENDED, OVER, Run, St
 from linked_fleet_gateway.extensions.missions.runs import RETRY_S, Runs
 from linked_fleet_gateway.extensions.missions.targets import Targets
 from linked_fleet_gateway.faces import invocation_path
-from linked_fleet_gateway.fleet.invocation import NOT_BEGUN
+from linked_fleet_state.invocation import NOT_BEGUN
 
 log = logging.getLogger(__name__)
 

@@ -1,7 +1,7 @@
 """The terms of missions."""
 
 from linked_fleet_gateway.extensions.rules.template import LF as RULES
-from linked_fleet_gateway.rdf.vocabulary import RDF
+from linked_fleet_rdf.vocabulary import RDF
 
 LF = RULES.extended(
     "Mission MissionList MissionInput MissionShape MissionRun MissionRunList MissionRunListShape MissionRunShape"

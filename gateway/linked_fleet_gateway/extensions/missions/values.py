@@ -10,7 +10,7 @@ from linked_fleet_gateway.api import UnprocessableContent
 from linked_fleet_gateway.extensions.missions.mission import Invoke, Mission, Parameter, Variable, step_at
 from linked_fleet_gateway.extensions.missions.record import Run
 from linked_fleet_gateway.extensions.rules.template import fill, variables
-from linked_fleet_gateway.rdf.vocabulary import XSD
+from linked_fleet_rdf.vocabulary import XSD
 
 Value = float | bool | str
 DATATYPES = {"number": XSD.double, "integer": XSD.integer, "boolean": XSD.boolean, "text": XSD.string}

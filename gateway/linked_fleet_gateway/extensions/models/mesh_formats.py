@@ -9,7 +9,7 @@ from io import BytesIO
 from typing import Any
 from xml.etree import ElementTree
 
-from linked_fleet_gateway.fleet.xml import ModelError
+from linked_fleet_state.xml import ModelError
 
 _LEAST_M, _MOST_M = 1e-9, 1e9
 _HEAD, _CHUNK = struct.Struct("<4sII"), struct.Struct("<I4s")

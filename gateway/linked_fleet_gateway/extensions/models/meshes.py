@@ -6,8 +6,8 @@ from collections import OrderedDict, defaultdict
 from collections.abc import Awaitable, Callable
 
 from linked_fleet_agent.wire.messages import Mesh
+from linked_fleet_base.errors import AgentTimeout, Offline
 from linked_fleet_gateway.api import Busy, Robot
-from linked_fleet_gateway.base.errors import AgentTimeout, Offline
 from linked_fleet_gateway.serving import Live, NoAnswer
 
 MAX_HELD_BYTES = 64 * 2**20

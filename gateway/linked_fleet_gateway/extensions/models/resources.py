@@ -7,6 +7,7 @@ from msgspec import Struct
 from starlette.responses import Response
 
 from linked_fleet_agent.wire.messages import Mesh
+from linked_fleet_base.errors import NotAcceptable
 from linked_fleet_gateway.api import (
     DCTERMS,
     LDP,
@@ -27,7 +28,6 @@ from linked_fleet_gateway.api import (
     integer,
     robot_path,
 )  # fmt: skip
-from linked_fleet_gateway.base.errors import NotAcceptable
 from linked_fleet_gateway.extensions.models.geometry import (
     MESHES,
     MODEL,
@@ -43,8 +43,8 @@ from linked_fleet_gateway.extensions.models.geometry import (
 )
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.models.simplified import SimplifiedMeshes
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.vocabulary import HYBRIT
+from linked_fleet_rdf.vocabulary import LF as CORE
 
 LF = CORE.extended("Model Mesh ModelShape MeshShape model mesh sha256 simplified SimplifiedModel SimplifiedModelShape")
 MODEL_MEDIA_TYPE = "application/xml"

@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.models.simplify_messages import (
     SimplifyAnswer,
     SimplifyFailed,
 )
-from linked_fleet_gateway.fleet.xml import ModelError
+from linked_fleet_state.xml import ModelError
 
 _LEAST_TRIANGLES = 12  # of a part of one colour: a box
 _MOST_PARTS = 4_096

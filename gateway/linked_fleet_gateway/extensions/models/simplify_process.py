@@ -12,7 +12,7 @@ from importlib import import_module
 
 import msgspec
 
-from linked_fleet_gateway.base.answering import answer_questions, load_answers
+from linked_fleet_base.answering import answer_questions, load_answers
 from linked_fleet_gateway.extensions.models.simplify_messages import Simplify, SimplifyAnswer, SimplifyFailed
 
 MAX_MEMORY_BYTES = 4 * 2**30

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 from linked_fleet_agent import planar
 from linked_fleet_agent.wire.kinds import NOT_MOVED, OFF_PATH
+from linked_fleet_base.errors import Busy, Conflict, MotionRefused
 from linked_fleet_gateway.api import Core, Invocation, InvocationState, Robot
-from linked_fleet_gateway.base.errors import Busy, Conflict, MotionRefused
 from linked_fleet_gateway.extensions.navigation import floor
 from linked_fleet_gateway.extensions.navigation.messages import Way
 from linked_fleet_gateway.extensions.navigation.trips import Around, DriveError, Ended, UnplannedError

@@ -5,6 +5,7 @@ import time
 from dataclasses import dataclass, replace
 
 from linked_fleet_agent import planar
+from linked_fleet_base.errors import Members
 from linked_fleet_gateway.api import (
     ActionRequest,
     Busy,
@@ -20,7 +21,6 @@ from linked_fleet_gateway.api import (
     robot_path,
     thing_at,
 )
-from linked_fleet_gateway.base.errors import Members
 from linked_fleet_gateway.extensions.navigation import floor
 from linked_fleet_gateway.extensions.navigation.drive import DrivenBase, offer_of
 from linked_fleet_gateway.extensions.navigation.messages import EDGE, MAP, Goal, Near, Strip, ToPose, Way
@@ -32,11 +32,11 @@ from linked_fleet_gateway.extensions.world.placement import LF as WORLD_TERMS
 from linked_fleet_gateway.extensions.world.placement import WORLD, number_of
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.faces import drive_limits, relative_pose
-from linked_fleet_gateway.fleet.driving import placed
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.rdf.graph import METRE, RADIAN, Node
-from linked_fleet_gateway.rdf.vocabulary import MATHS
 from linked_fleet_gateway.serving import Caller
+from linked_fleet_rdf.graph import METRE, RADIAN, Node
+from linked_fleet_rdf.vocabulary import MATHS
+from linked_fleet_state.driving import placed
+from linked_fleet_state.model import Pose
 
 LF = WORLD_TERMS.extended("DriveTo DriveNear Arrival near corridor start end width heading positionError headingError")
 SEGMENTS = ("driveTo", "driveNear")

@@ -9,7 +9,7 @@ from linked_fleet_gateway.extensions.world.driving import odometry_of, on_floor
 from linked_fleet_gateway.extensions.world.placement import pose_in_world
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.faces import View
-from linked_fleet_gateway.fleet.driving import placed, relative
+from linked_fleet_state.driving import placed, relative
 
 
 def standing(robot: Robot) -> planar.Pose:

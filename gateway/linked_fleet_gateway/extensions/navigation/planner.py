@@ -38,7 +38,7 @@ from linked_fleet_gateway.extensions.navigation.messages import (
 )
 from linked_fleet_gateway.extensions.navigation.region import Bools, region
 from linked_fleet_gateway.extensions.navigation.shortest import DIAGONAL, STRAIGHT, search
-from linked_fleet_gateway.fleet.driving import through
+from linked_fleet_state.driving import through
 
 Costs = npt.NDArray[np.uint8]
 MARGIN_M = 0.08

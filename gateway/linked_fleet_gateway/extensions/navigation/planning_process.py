@@ -7,7 +7,7 @@ from importlib import import_module
 
 import msgspec
 
-from linked_fleet_gateway.base.answering import answer_questions, load_answers
+from linked_fleet_base.answering import answer_questions, load_answers
 from linked_fleet_gateway.extensions.navigation.messages import Answer, PlanFailed, PlanWay
 
 MAX_MEMORY_BYTES = 2 * 2**30

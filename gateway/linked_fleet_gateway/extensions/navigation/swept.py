@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from linked_fleet_agent.planar import Pose
 from linked_fleet_gateway.extensions.navigation.messages import Point, Polygon
-from linked_fleet_gateway.fleet.driving import pieces, through
+from linked_fleet_state.driving import pieces, through
 
 MARGIN_M = 0.1
 

@@ -10,6 +10,8 @@ from typing import Any, ClassVar
 
 from msgspec.structs import replace
 
+from linked_fleet_base.errors import InsufficientScope
+from linked_fleet_base.settings import Section, setting, whole_number
 from linked_fleet_gateway.api import (
     Body,
     Conflict,
@@ -26,8 +28,6 @@ from linked_fleet_gateway.api import (
     gauge,
     thing_at,
 )
-from linked_fleet_gateway.base.errors import InsufficientScope
-from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.faults.extension import KnownFaults
 from linked_fleet_gateway.extensions.notes.note import Note, describe_note, read_note
 from linked_fleet_gateway.extensions.notes.of_robot import SEGMENT, notes_of_robots, notes_path

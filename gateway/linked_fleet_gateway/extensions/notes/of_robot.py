@@ -23,7 +23,7 @@ from linked_fleet_gateway.api import (
 )
 from linked_fleet_gateway.extensions.notes.note import Note
 from linked_fleet_gateway.extensions.notes.terms import LF
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT
+from linked_fleet_rdf.vocabulary import HYBRIT
 
 SEGMENT = "notes"
 

@@ -3,9 +3,9 @@
 from collections.abc import Mapping
 from typing import Any
 
-from linked_fleet_gateway.base.errors import PROBLEM_JSON
+from linked_fleet_base.errors import PROBLEM_JSON
 from linked_fleet_gateway.faces import Json, form_of
-from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_rdf.vocabulary import LF
 
 _TEXT: Json = {"type": "string"}
 _TEXTS: Json = {"type": "array", "items": _TEXT}

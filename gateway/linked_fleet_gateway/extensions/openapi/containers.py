@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.openapi.operations import (
     write_operation,
 )
 from linked_fleet_gateway.faces import Json
-from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_rdf.serialise import JSON
 
 _ADDED: Json = creation_responses("Added.") | {
     "204": {"description": "Checked, as preferred by dry-run; nothing was added."}

@@ -41,10 +41,10 @@ from linked_fleet_gateway.extensions.openapi.operations import (
 from linked_fleet_gateway.extensions.openapi.paths import FleetPaths, capitalized
 from linked_fleet_gateway.extensions.openapi.schemas import extract_alternatives, forbid_other_members, merge_null
 from linked_fleet_gateway.faces import Json, parts_of
-from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.serving import Rendition, await_preconditions
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.vocabulary import LDP
+from linked_fleet_state.answers import DescriptionAndComponents
 
 PATH = "/openapi.json"
 TYPE = "application/vnd.oai.openapi+json;version=3.1"

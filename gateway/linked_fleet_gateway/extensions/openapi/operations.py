@@ -7,8 +7,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from linked_fleet_gateway.faces import Json
-from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.serving import patch_types
+from linked_fleet_rdf.serialise import JSON
 
 JSONLD, TURTLE, _UPDATE = "application/ld+json", "text/turtle", "application/sparql-update"
 Parameters = Mapping[str, Json]

@@ -58,10 +58,10 @@ from linked_fleet_gateway.faces import (
     parts_of,
     properties_at,
 )
-from linked_fleet_gateway.fleet.model import Joint, Link
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_state.model import Joint, Link
+from linked_fleet_state.robot import Robot
 
 _FORMAT: Json = {"type": "string", "enum": ["json", "jsonld"], "default": "json"}
 _PICKS = "The format of what is sent."

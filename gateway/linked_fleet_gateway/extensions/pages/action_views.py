@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.languages import known, say
 from linked_fleet_gateway.extensions.pages.moments import timeline_link
 from linked_fleet_gateway.extensions.pages.thing_views import actions, unchecked_links
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Number, State, Value
 from linked_fleet_gateway.extensions.pages.views import Part
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, PROV, RDFS
 from linked_fleet_rdf.turtle import Subject, Term
+from linked_fleet_rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LDP, LF, PROV, RDFS
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form

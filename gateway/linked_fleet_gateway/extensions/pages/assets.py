@@ -8,7 +8,7 @@ from functools import cache
 from hashlib import blake2b
 from pathlib import Path
 
-from linked_fleet_gateway.base.contributions import present
+from linked_fleet_base.contributions import present
 
 log = logging.getLogger(__name__)
 

@@ -3,8 +3,8 @@
 from linked_fleet_gateway.api import FleetBranch, RequestView, Resource, Robot, RobotBranch, robot_path
 from linked_fleet_gateway.extensions.pages.assets import THUMBNAIL, find_asset
 from linked_fleet_gateway.extensions.pages.thumbnail import SVG, drawing
-from linked_fleet_gateway.rdf.vocabulary import LDP
 from linked_fleet_gateway.serving import Rendition
+from linked_fleet_rdf.vocabulary import LDP
 
 
 def _asset(view: RequestView, rest: list[str]) -> Resource | None:

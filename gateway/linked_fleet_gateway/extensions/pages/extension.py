@@ -7,8 +7,8 @@ from pathlib import Path
 
 from pyoxigraph import Triple
 
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.api import Core, Extension, Mount, Resource
-from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.pages import page
 from linked_fleet_gateway.extensions.pages.assets import THUMBNAIL
 from linked_fleet_gateway.extensions.pages.branches import ASSETS, THUMBNAILS

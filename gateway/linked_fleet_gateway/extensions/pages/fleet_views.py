@@ -17,7 +17,7 @@ from linked_fleet_gateway.extensions.pages.languages import message, say, transl
 from linked_fleet_gateway.extensions.pages.thing_views import Presence, actions, path_below, presence
 from linked_fleet_gateway.extensions.pages.values import Facts, Link, Time
 from linked_fleet_gateway.extensions.pages.views import LF, Part, constant
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, VOM, XSD
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, VOM, XSD
 
 LOW_PERCENT = 20.0
 """Charge in percent below which a card says that the battery is low; also in `scripts/src/fleet.js`."""

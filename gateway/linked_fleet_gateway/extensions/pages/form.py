@@ -10,21 +10,21 @@ import rdflib
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, parse, serialize
 from rdflib.term import Node, URIRef
 
+from linked_fleet_base.contributions import present
 from linked_fleet_client.form import all_fields, choices
 from linked_fleet_client.quantity import INTEGERS, UNIT_PATHS, UNITS
 from linked_fleet_client.shape import Bound, Field, Shape, conjunction, read_shape
 from linked_fleet_client.vocabulary import SH
-from linked_fleet_gateway.base.contributions import present
 from linked_fleet_gateway.extensions.pages import languages, texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.languages import say
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.faces import Form as JsonForm
 from linked_fleet_gateway.faces import Right, action_definitions, describe_request_shape, form_in
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, add_closure, load_turtle
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, QUDT, RDF, VOM, XSD
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.shapes import BLUEPRINTS, add_closure, load_turtle
 from linked_fleet_rdf.turtle import Term
+from linked_fleet_rdf.vocabulary import DCTERMS, HTTP, HYBRIT, LF, NUMERIC, QUDT, RDF, VOM, XSD
 
 _RESET = LF.extended("ResetProtectiveStop").ResetProtectiveStop
 _NUMBERS = frozenset(URIRef(each.value) for each in NUMERIC)

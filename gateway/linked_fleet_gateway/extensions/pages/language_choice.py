@@ -5,7 +5,7 @@ from urllib.parse import quote
 
 from linked_fleet_gateway.api import FleetBranch, NotFound, Request, RequestView, Resource, Response
 from linked_fleet_gateway.extensions.pages.languages import COOKIE, MARKED, NAMES, SEGMENT
-from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_rdf.vocabulary import LDP
 
 _YEAR_S = 365 * 86400
 _LONGEST_PATH = 2000

@@ -16,7 +16,7 @@ from urllib.parse import quote
 
 from markupsafe import Markup, escape
 
-from linked_fleet_gateway.base.contributions import present
+from linked_fleet_base.contributions import present
 
 ENGLISH = "en"
 MARKED = "en-XA"

@@ -12,8 +12,8 @@ from urllib.parse import urlsplit, urlunsplit
 from markupsafe import Markup
 from pyoxigraph import Triple
 
-from linked_fleet_gateway.base.errors import FleetError
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_base.errors import FleetError
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import languages, templating, texts
 from linked_fleet_gateway.extensions.pages.assets import assets
 from linked_fleet_gateway.extensions.pages.help import help_of
@@ -21,8 +21,8 @@ from linked_fleet_gateway.extensions.pages.texts import clean
 from linked_fleet_gateway.extensions.pages.view import view_of
 from linked_fleet_gateway.extensions.pages.views import added_views, places
 from linked_fleet_gateway.faces import PageContext, Reader, Resource
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
 from linked_fleet_rdf import jsonld
+from linked_fleet_rdf.vocabulary import PREFIXES
 
 if TYPE_CHECKING:
     import jinja2

@@ -8,7 +8,7 @@ from pyoxigraph import BlankNode, NamedNode
 
 from linked_fleet_gateway.extensions.pages.values import Facts, Link
 from linked_fleet_gateway.extensions.pages.views import LF
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT
 
 _MOVE, _REACH = "/moveJoints", "/reach"
 _UNITS_OF_POSITION = frozenset({"rad", "m"})

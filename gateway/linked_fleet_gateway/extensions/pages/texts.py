@@ -15,12 +15,12 @@ from zlib import crc32
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.keys import unescape
-from linked_fleet_gateway.base.contributions import present
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_base.contributions import present
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import languages
 from linked_fleet_gateway.extensions.pages.languages import say
-from linked_fleet_gateway.rdf.shapes import VOCABULARY, added_files, load_turtle
-from linked_fleet_gateway.rdf.vocabulary import LF, RDFS, ROS, XHV
+from linked_fleet_rdf.shapes import VOCABULARY, added_files, load_turtle
+from linked_fleet_rdf.vocabulary import LF, RDFS, ROS, XHV
 
 if TYPE_CHECKING:
     from linked_fleet_client import quantity

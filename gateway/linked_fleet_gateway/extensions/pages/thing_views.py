@@ -6,13 +6,13 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import robot_panel, texts
 from linked_fleet_gateway.extensions.pages.languages import message, say, translated
 from linked_fleet_gateway.extensions.pages.values import Address, Facts, Link, Number, Row, State, Time, Value, Vector
 from linked_fleet_gateway.extensions.pages.views import LF, Part, constant
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, ROS, SOSA
 from linked_fleet_rdf.turtle import Subject, Term
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, RDF, RDFS, ROS, SOSA
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form

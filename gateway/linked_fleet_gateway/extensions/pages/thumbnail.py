@@ -8,10 +8,10 @@ import math
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 
-from linked_fleet_gateway.fleet.kinematics import compose
-from linked_fleet_gateway.fleet.model import Link, Pose, RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.xml import Vector
+from linked_fleet_state.kinematics import compose
+from linked_fleet_state.model import Link, Pose, RobotModel
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.xml import Vector
 
 SVG = "image/svg+xml"
 WIDTH, HEIGHT = 160, 120

@@ -7,11 +7,11 @@ from typing import TYPE_CHECKING, ClassVar
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import languages, texts
 from linked_fleet_gateway.extensions.pages.languages import say
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LF, MATHS, NUMERIC, PREFIXES, QUDT, RDF, SOSA, VOM, XSD
 from linked_fleet_rdf.turtle import Outline, Subject, Term
+from linked_fleet_rdf.vocabulary import DCTERMS, LF, MATHS, NUMERIC, PREFIXES, QUDT, RDF, SOSA, VOM, XSD
 
 if TYPE_CHECKING:
     from linked_fleet_client import quantity

@@ -8,7 +8,7 @@ from typing import Any
 
 from pyoxigraph import NamedNode, Triple
 
-from linked_fleet_gateway.base.contributions import present
+from linked_fleet_base.contributions import present
 from linked_fleet_gateway.extensions.pages import action_views, texts
 from linked_fleet_gateway.extensions.pages import thing_views as things
 from linked_fleet_gateway.extensions.pages.fleet_views import fleet
@@ -18,8 +18,8 @@ from linked_fleet_gateway.extensions.pages.values import Facts, Link, Row
 from linked_fleet_gateway.extensions.pages.views import LF, Part, Place, added_views, files_of, places
 from linked_fleet_gateway.extensions.pages.vocabulary_view import vocabulary
 from linked_fleet_gateway.faces import PageContext, Resource, lease_path, offers_at
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
+from linked_fleet_rdf.serialise import RDF_TYPES
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LDP, OWL, PROV, RDF, ROS, SOSA, XHV
 
 log = logging.getLogger(__name__)
 

@@ -11,13 +11,13 @@ from typing import Any
 
 from pyoxigraph import NamedNode
 
-from linked_fleet_gateway.base.contributions import present
+from linked_fleet_base.contributions import present
 from linked_fleet_gateway.extensions.pages.assets import add_file
 from linked_fleet_gateway.extensions.pages.languages import known, message
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.faces import NavigationEntry
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_rdf.turtle import Subject
+from linked_fleet_rdf.vocabulary import LF as CORE
 
 LF = CORE.extended(
     "Audit Directory Invitations Model People cameras history model notesOfRobot placement savedPoses world"

@@ -9,7 +9,7 @@ from linked_fleet_gateway.extensions.pages import languages, texts
 from linked_fleet_gateway.extensions.pages.languages import say
 from linked_fleet_gateway.extensions.pages.values import Facts, Link
 from linked_fleet_gateway.extensions.pages.views import LF, Part
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, OWL, PREFIXES, RDF, RDFS, SH
+from linked_fleet_rdf.vocabulary import DCTERMS, OWL, PREFIXES, RDF, RDFS, SH
 
 _PLAIN = frozenset({RDFS.Class, RDF.Property, SH.NodeShape, SH.PropertyShape})
 

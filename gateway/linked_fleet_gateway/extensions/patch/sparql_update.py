@@ -11,9 +11,9 @@ from functools import partial
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
-from linked_fleet_gateway.rdf.sparql_tokens import Token, syntax_error, tokenize
+from linked_fleet_base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
 from linked_fleet_rdf.parsing import ParseError, parse
+from linked_fleet_rdf.sparql_tokens import Token, syntax_error, tokenize
 
 MAX_STEPS = 5_000
 """Most comparisons of a pattern with a triple and triples built from templates."""

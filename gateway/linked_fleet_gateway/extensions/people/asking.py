@@ -6,6 +6,7 @@ from functools import partial
 
 from msgspec.structs import replace
 
+from linked_fleet_base.errors import InsufficientScope
 from linked_fleet_gateway.api import (
     ActionRequest,
     Call,
@@ -20,7 +21,6 @@ from linked_fleet_gateway.api import (
     UnprocessableContent,
     robot_path,
 )
-from linked_fleet_gateway.base.errors import InsufficientScope
 from linked_fleet_gateway.extensions.people.control_request import (
     ASK_S,
     ControlRequest,

@@ -8,8 +8,8 @@ from linked_fleet_gateway.extensions.planning.kept_path import above
 from linked_fleet_gateway.extensions.planning.messages import Broken, Constraints
 from linked_fleet_gateway.extensions.planning.terms import LF
 from linked_fleet_gateway.extensions.world.placement import read_vector
-from linked_fleet_gateway.fleet.xml import Vector
-from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_rdf.graph import Node
+from linked_fleet_state.xml import Vector
 
 _OPTIONS = (LF.upright, LF.stayIn, LF.tipSpeed, LF.leastManipulability)
 

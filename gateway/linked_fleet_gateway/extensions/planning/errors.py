@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
-from linked_fleet_gateway.base.errors import Members, MotionRefused
+from linked_fleet_base.errors import Members, MotionRefused
 from linked_fleet_gateway.extensions.planning.messages import Broken
 from linked_fleet_gateway.extensions.planning.terms import LF
 from linked_fleet_gateway.extensions.world.collisions import Collides
-from linked_fleet_gateway.fleet.xml import Vector
+from linked_fleet_state.xml import Vector
 
 
 class _InTheWay(MotionRefused):

@@ -7,7 +7,7 @@ import pinocchio as pin
 from linked_fleet_gateway.extensions.planning.kept import Kept
 from linked_fleet_gateway.extensions.world.surfaces import Array, Indices, Surface, convex_hull
 from linked_fleet_gateway.extensions.world.surroundings import Shape
-from linked_fleet_gateway.fleet.xml import ModelError
+from linked_fleet_state.xml import ModelError
 
 _FLATTEST, _FARTHEST = 1e-3, 3.0
 """Squared sine of the angle below which two faces are one plane, and the longest shift of a corner."""

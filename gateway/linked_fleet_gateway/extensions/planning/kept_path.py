@@ -8,16 +8,16 @@ from collections.abc import Iterator
 from msgspec.structs import replace
 
 from linked_fleet_agent.wire.messages import Follow, Move
+from linked_fleet_base.errors import MotionRefused
 from linked_fleet_gateway.api import Motion, Pose, RedisUnavailable, Robot, RobotModel
-from linked_fleet_gateway.base.errors import MotionRefused
 from linked_fleet_gateway.extensions.planning.errors import PlanChanged
 from linked_fleet_gateway.extensions.planning.kept_plans import KEPT_S, Found, KeptPlans, Plan, digest_of
 from linked_fleet_gateway.extensions.planning.waiting import STILL_M, STILL_RAD, standing
 from linked_fleet_gateway.extensions.world.collisions import Collides
 from linked_fleet_gateway.extensions.world.placement import pose_in_world
-from linked_fleet_gateway.fleet.kept_plan import KeptPlan
-from linked_fleet_gateway.fleet.model import JointKind
 from linked_fleet_gateway.serving import Caller, Live, Paths
+from linked_fleet_state.kept_plan import KeptPlan
+from linked_fleet_state.model import JointKind
 
 _FIND_S = 5.0
 

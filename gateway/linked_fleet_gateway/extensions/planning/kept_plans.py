@@ -12,9 +12,9 @@ from pyoxigraph import BlankNode, NamedNode
 from linked_fleet_agent.wire.messages import Expectation, Follow, Move
 from linked_fleet_gateway.api import ActionRequest, Body, Motion, Pose
 from linked_fleet_gateway.extensions.planning.terms import LF
-from linked_fleet_gateway.fleet.kept_plan import KeptPlan
-from linked_fleet_gateway.rdf.vocabulary import RDF
 from linked_fleet_gateway.serving import RedisConnection
+from linked_fleet_rdf.vocabulary import RDF
+from linked_fleet_state.kept_plan import KeptPlan
 
 KEPT_S = 60
 """Lifetime of a kept plan, in seconds."""

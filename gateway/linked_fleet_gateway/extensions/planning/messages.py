@@ -5,7 +5,7 @@ from typing import Literal
 from msgspec import Struct
 
 from linked_fleet_gateway.extensions.world.messages import Check, CollisionFound, Positions
-from linked_fleet_gateway.fleet.xml import Vector
+from linked_fleet_state.xml import Vector
 
 
 class JointBounds(Struct, frozen=True):

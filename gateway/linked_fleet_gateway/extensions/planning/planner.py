@@ -14,8 +14,8 @@ from msgspec.structs import replace
 
 from linked_fleet_agent.urdf.cruise import RAMP_S
 from linked_fleet_agent.wire.messages import Follow, Move
+from linked_fleet_base.errors import FleetError, MotionRefused
 from linked_fleet_gateway.api import Busy, Conflict, Core, Motion, Pose, Robot, UnprocessableContent
-from linked_fleet_gateway.base.errors import FleetError, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.planning.constraints import carried, constraints_of, is_constrained, refusal
 from linked_fleet_gateway.extensions.planning.errors import GoalBlocked, LineLeaves, NoPathFound, StartBlocked
@@ -44,12 +44,12 @@ from linked_fleet_gateway.extensions.world.nearby import EARLY_S
 from linked_fleet_gateway.extensions.world.placement import has_placement
 from linked_fleet_gateway.extensions.world.process import Checker, Preparation
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.fleet.kept_plan import KeptPlan
-from linked_fleet_gateway.fleet.kinematics import compose
-from linked_fleet_gateway.fleet.model import JointKind
-from linked_fleet_gateway.fleet.pace import speed_of
-from linked_fleet_gateway.rdf.graph import Node
 from linked_fleet_gateway.serving import Caller, MotionPlanner, NoReply, Paths
+from linked_fleet_rdf.graph import Node
+from linked_fleet_state.kept_plan import KeptPlan
+from linked_fleet_state.kinematics import compose
+from linked_fleet_state.model import JointKind
+from linked_fleet_state.pace import speed_of
 
 MODULE = "linked_fleet_gateway.extensions.planning.planning_process"
 SEARCH_S, MOST_SEARCH_S = 2.0, 20.0

@@ -42,7 +42,7 @@ from linked_fleet_gateway.extensions.world.surroundings import (
     StaticBody,
     distance,
 )
-from linked_fleet_gateway.fleet.model import JointKind
+from linked_fleet_state.model import JointKind
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
 """The terms of the extension."""
 
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.vocabulary import LF as CORE
 
 LF = CORE.extended(
     "PathKind Direct Planned Straight path plan ofLink tip upright axis stayIn lower upper tipSpeed leastManipulability"

@@ -6,12 +6,12 @@ import math
 from msgspec.structs import replace
 
 from linked_fleet_agent.wire.messages import Expectation
+from linked_fleet_base.errors import MotionRefused
 from linked_fleet_gateway.api import Motion, Robot
-from linked_fleet_gateway.base.errors import MotionRefused
 from linked_fleet_gateway.extensions.world.collisions import Collides
 from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.questions import Questions
-from linked_fleet_gateway.fleet.model import JointKind
+from linked_fleet_state.model import JointKind
 
 MOST_WAIT_S = 10.0
 """The longest that a motion waits at its start."""

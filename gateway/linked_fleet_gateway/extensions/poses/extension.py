@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+from linked_fleet_base.settings import Section, setting, whole_number
 from linked_fleet_gateway.api import Core, Extension, Mount, RequestView, gauge
-from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.poses.operations import operations
 from linked_fleet_gateway.extensions.poses.saved import SEGMENT, Poses
 

@@ -11,7 +11,7 @@ from linked_fleet_gateway.api import DCTERMS, LDP, RDFS
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value
 from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.poses.terms import LF, MODIFIED
-from linked_fleet_gateway.rdf.vocabulary import UNIT, VOM
+from linked_fleet_rdf.vocabulary import UNIT, VOM
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _DECIMALS = 3

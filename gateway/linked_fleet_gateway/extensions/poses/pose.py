@@ -20,8 +20,8 @@ from linked_fleet_gateway.api import (
 )
 from linked_fleet_gateway.extensions.poses.terms import LF
 from linked_fleet_gateway.faces import commandable_joints, kind_of, pose_finding
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import VOM
+from linked_fleet_rdf.graph import Node
+from linked_fleet_rdf.vocabulary import VOM
 
 _SETTLED = 2e-4
 """Radian or metre: a joint at its limit may be measured this far beyond it, as for actions."""

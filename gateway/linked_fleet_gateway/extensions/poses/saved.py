@@ -36,8 +36,8 @@ from linked_fleet_gateway.api import (
 from linked_fleet_gateway.extensions.poses.pose import SavedPose, groups_of, read_pose
 from linked_fleet_gateway.extensions.poses.terms import LF, MODIFIED
 from linked_fleet_gateway.faces import Identity, Tree, commandable_joints, kind_of, named_poses, pose_finding
-from linked_fleet_gateway.rdf.graph import RADIAN
-from linked_fleet_gateway.rdf.vocabulary import VOM
+from linked_fleet_rdf.graph import RADIAN
+from linked_fleet_rdf.vocabulary import VOM
 
 SEGMENT = "poses"
 MOST_OF_ROBOT = 100

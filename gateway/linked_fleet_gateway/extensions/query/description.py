@@ -13,9 +13,9 @@ from linked_fleet_gateway.extensions.query.functions import FUNCTIONS, LF
 from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.faces import VOCABULARY
-from linked_fleet_gateway.fleet.functions import added_functions
-from linked_fleet_gateway.rdf.graph import Graph, integer
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, FORMAT, PREFIXES, RDFS, SD, SH, VOID
+from linked_fleet_rdf.graph import Graph, integer
+from linked_fleet_rdf.vocabulary import DCTERMS, FORMAT, PREFIXES, RDFS, SD, SH, VOID
+from linked_fleet_state.functions import added_functions
 
 PATH = "/query"
 FORM = "application/x-www-form-urlencoded"

@@ -22,8 +22,8 @@ from pyoxigraph import (
 
 from linked_fleet_gateway.extensions.query import page
 from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refusal, Refused, size_refusal
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES, WriteError, render
-from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES, RDF
+from linked_fleet_rdf.serialise import RDF_TYPES, WriteError, render
+from linked_fleet_rdf.vocabulary import LF, PREFIXES, RDF
 
 ROWS: Mapping[str, QueryResultsFormat] = {
     "application/sparql-results+json": QueryResultsFormat.JSON,

@@ -14,6 +14,8 @@ from urllib.parse import parse_qsl, urljoin
 
 from starlette.responses import Response
 
+from linked_fleet_base.errors import PROBLEM_JSON, BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.api import (
     Core,
     Extension,
@@ -26,8 +28,6 @@ from linked_fleet_gateway.api import (
     choose,
     read_resource,
 )
-from linked_fleet_gateway.base.errors import PROBLEM_JSON, BadRequest, FleetError, NotAcceptable, UnsupportedMediaType
-from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.query.description import (
     FORM,
     PATH,
@@ -41,9 +41,9 @@ from linked_fleet_gateway.extensions.query.operations import operations
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS, Queries
 from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, Query, parse_query
 from linked_fleet_gateway.faces import HTML
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES
-from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
 from linked_fleet_gateway.serving import await_preconditions, problem, read_body
+from linked_fleet_rdf.serialise import RDF_TYPES
+from linked_fleet_rdf.sparql_tokens import MAX_QUERY_BYTES
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.query import page

@@ -8,9 +8,9 @@ import msgspec
 from linked_fleet_agent.wire.codec import encode_state, read_header
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, Member, News, RobotFacts
 from linked_fleet_gateway.faces import PartCopier
-from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.events import Frames
+from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.robot import Robot
 
 log = logging.getLogger(__name__)
 

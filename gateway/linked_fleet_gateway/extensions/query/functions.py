@@ -6,12 +6,12 @@ from collections.abc import Collection, Mapping
 from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.faces import relative_pose, round_to_resolution
-from linked_fleet_gateway.fleet.carried import CarriedPose
-from linked_fleet_gateway.fleet.functions import Function, Term, path_of
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import number
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.graph import number
+from linked_fleet_rdf.vocabulary import LF as CORE
+from linked_fleet_state.carried import CarriedPose
+from linked_fleet_state.functions import Function, Term, path_of
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
 
 LF = CORE.extended("query poseIn distance example")
 

@@ -12,14 +12,14 @@ from typing import Any, Literal
 import msgspec
 from msgspec import Struct
 
-from linked_fleet_gateway.base.contributions import Contributions, present
+from linked_fleet_base.contributions import Contributions, present
 from linked_fleet_gateway.faces import Reader
-from linked_fleet_gateway.fleet.answers import DescriptionAndComponents
-from linked_fleet_gateway.fleet.carried import CarriedPose
-from linked_fleet_gateway.fleet.invocation import Invocation, Lease
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import KeptPose
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink
+from linked_fleet_state.answers import DescriptionAndComponents
+from linked_fleet_state.carried import CarriedPose
+from linked_fleet_state.invocation import Invocation, Lease
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import KeptPose
+from linked_fleet_state.unchecked import UncheckedLink
 
 log = logging.getLogger(__name__)
 
@@ -29,7 +29,7 @@ Kind = Literal["rows", "graph", "page"]
 
 
 class RobotFacts(Struct, frozen=True, kw_only=True):
-    """All facts about a robot except its frame, with the meaning they have in ``fleet.robot``."""
+    """All facts about a robot except its frame, with the meaning they have in ``linked_fleet_state.robot``."""
 
     name: str
     online: bool

@@ -6,8 +6,8 @@ from linked_fleet_gateway.extensions.query.description import (
     PATH,
 )
 from linked_fleet_gateway.extensions.query.service import JSON_RESULTS
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.sparql_tokens import MAX_QUERY_BYTES
 
 _TEXT: Json = {"type": "string", "minLength": 1, "maxLength": MAX_QUERY_BYTES, "examples": ["ASK { ?s ?p ?o }"]}
 _LONGEST_IN_URL = 1000

@@ -8,7 +8,7 @@ from urllib.parse import urlencode
 
 from pyoxigraph import BlankNode, Literal, NamedNode, QueryBoolean, QuerySolutions, Triple
 
-from linked_fleet_gateway.base.errors import BadRequest, FleetError
+from linked_fleet_base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.pages.languages import add_folder, known, message, say, speaking
 from linked_fleet_gateway.extensions.pages.page import render
 from linked_fleet_gateway.extensions.pages.texts import clean, foreign_iri_text, number
@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.query.examples import EXAMPLES
 from linked_fleet_gateway.extensions.query.functions import LF
 from linked_fleet_gateway.extensions.query.messages import QueryRequest, Refused, size_refusal
 from linked_fleet_gateway.faces import NavigationEntry, Reader
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
+from linked_fleet_rdf.vocabulary import DCTERMS, NUMERIC, PREFIXES, RDFS, SD, SH
 
 _CELL_BYTES = 64
 _LONGEST_ADDRESS = 1500

@@ -13,8 +13,8 @@ from itertools import islice
 
 from pyoxigraph import NamedNode
 
+from linked_fleet_base.errors import BadRequest, Busy, FleetError, LibraryMissing
 from linked_fleet_gateway.api import robot_path
-from linked_fleet_gateway.base.errors import BadRequest, Busy, FleetError, LibraryMissing
 from linked_fleet_gateway.extensions.query.messages import (
     DONE,
     FORKED,
@@ -32,10 +32,10 @@ from linked_fleet_gateway.extensions.query.messages import (
 )
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly, ResultTooLarge
 from linked_fleet_gateway.faces import PartCopier, parts_of
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.invocations import FLEET, Invocation, Invocations
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.serving import Worker
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.invocations import FLEET, Invocation, Invocations
+from linked_fleet_state.robot import Robot
 
 log = logging.getLogger(__name__)
 

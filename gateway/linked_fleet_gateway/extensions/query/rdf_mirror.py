@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Quad, Store, Triple
 
-from linked_fleet_gateway.base.faults import Faults
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror, MirroredRobot
 from linked_fleet_gateway.faces import (
     VOCABULARY,
@@ -30,12 +30,12 @@ from linked_fleet_gateway.faces import (
     robot_path,
     run_steps,
 )
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.model import Joint, Link
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph, Node, Term
-from linked_fleet_gateway.rdf.shapes import BLUEPRINTS, load_turtle
-from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_rdf.graph import Graph, Node, Term
+from linked_fleet_rdf.shapes import BLUEPRINTS, load_turtle
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.model import Joint, Link
+from linked_fleet_state.robot import Robot
 
 SHAPES = "/blueprint"
 

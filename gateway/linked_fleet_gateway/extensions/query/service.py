@@ -21,9 +21,9 @@ from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
 from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, Query, check_select, parse_query
 from linked_fleet_gateway.extensions.query.turns import FairTurns
 from linked_fleet_gateway.faces import HTML, Reader, View
-from linked_fleet_gateway.fleet.carried import CarriedPose
-from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.serving import Live
+from linked_fleet_state.carried import CarriedPose
+from linked_fleet_state.model import Pose
 
 LIMIT_S = 5.0
 """Limit of processor time for the evaluation of one query, in seconds."""

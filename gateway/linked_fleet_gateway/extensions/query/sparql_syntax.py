@@ -9,9 +9,9 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from urllib.parse import urljoin
 
-from linked_fleet_gateway.base.errors import BadRequest, PayloadTooLarge
-from linked_fleet_gateway.rdf.sparql_tokens import Token, syntax_error, tokenize
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_base.errors import BadRequest, PayloadTooLarge
+from linked_fleet_rdf.sparql_tokens import Token, syntax_error, tokenize
+from linked_fleet_rdf.vocabulary import PREFIXES
 
 MAX_DECLARATIONS = 256
 """Most BASE, PREFIX and FROM in one query: each is resolved against the previous one."""

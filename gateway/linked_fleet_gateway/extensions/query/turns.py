@@ -4,14 +4,14 @@ Errors of queries: ``ResultTooLarge`` (413, result-too-large), ``TooManyQueries`
 ``QueryTooCostly`` (503, query-too-costly).
 """
 
-# ruff: noqa: N818  (named like the errors of linked_fleet_gateway.base.errors)
+# ruff: noqa: N818  (named like the errors of linked_fleet_base.errors)
 
 import asyncio
 from collections import OrderedDict, deque
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from linked_fleet_gateway.base.errors import Busy, FleetError, PayloadTooLarge
+from linked_fleet_base.errors import Busy, FleetError, PayloadTooLarge
 
 
 class ResultTooLarge(PayloadTooLarge):

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from pyoxigraph import NamedNode, RdfFormat, parse
 
-from linked_fleet_gateway.base.contributions import set_present
-from linked_fleet_gateway.base.errors import LibraryMissing
+from linked_fleet_base.contributions import set_present
+from linked_fleet_base.errors import LibraryMissing
 from linked_fleet_gateway.extensions.query.evaluation import VisibleGraphs, evaluate, preload
 from linked_fleet_gateway.extensions.query.fleet_mirror import Mirror
 from linked_fleet_gateway.extensions.query.functions import functions_of
@@ -35,8 +35,8 @@ from linked_fleet_gateway.extensions.query.messages import (
 )
 from linked_fleet_gateway.extensions.query.rdf_mirror import SHAPES, RdfMirror
 from linked_fleet_gateway.faces import VOCABULARY, Describer, View, run_steps
-from linked_fleet_gateway.fleet.functions import added_functions
-from linked_fleet_gateway.rdf.graph import Graph
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_state.functions import added_functions
 
 log = logging.getLogger(__name__)
 

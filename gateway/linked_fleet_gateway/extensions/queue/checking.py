@@ -3,8 +3,8 @@
 import time
 from dataclasses import dataclass
 
+from linked_fleet_base.errors import PayloadTooLarge
 from linked_fleet_gateway.api import BadRequest, Core, UnprocessableContent
-from linked_fleet_gateway.base.errors import PayloadTooLarge
 from linked_fleet_gateway.extensions.missions.mission import Mission
 from linked_fleet_gateway.extensions.missions.targets import Targets
 from linked_fleet_gateway.extensions.query.service import Queries

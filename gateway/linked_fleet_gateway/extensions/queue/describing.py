@@ -11,8 +11,8 @@ from linked_fleet_gateway.api import DCTERMS, METRE, Graph, integer, robot_path,
 from linked_fleet_gateway.extensions.missions.terms import JSON
 from linked_fleet_gateway.extensions.queue.order import Choice, Order, Wanted
 from linked_fleet_gateway.extensions.queue.terms import LF
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import MATHS, PROV, VOM, XSD
+from linked_fleet_rdf.graph import Node
+from linked_fleet_rdf.vocabulary import MATHS, PROV, VOM, XSD
 
 
 def describe_wanted(graph: Graph, node: Node, wanted: Wanted) -> None:

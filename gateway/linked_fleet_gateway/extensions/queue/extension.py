@@ -11,6 +11,7 @@ from typing import ClassVar
 from msgspec.structs import replace
 from prometheus_client.metrics_core import Metric
 
+from linked_fleet_base.settings import Section, setting, whole_number
 from linked_fleet_gateway.api import (
     Container,
     Core,
@@ -24,7 +25,6 @@ from linked_fleet_gateway.api import (
     gauge,
     gauges,
 )
-from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.missions.runs import Runs
 from linked_fleet_gateway.extensions.missions.targets import Targets, creator_of
 from linked_fleet_gateway.extensions.query.service import Queries

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping
 
 from msgspec.structs import replace
 
+from linked_fleet_base.errors import InsufficientScope
 from linked_fleet_gateway.api import (
     ActionRequest,
     Call,
@@ -17,7 +18,6 @@ from linked_fleet_gateway.api import (
     Table,
     UnprocessableContent,
 )
-from linked_fleet_gateway.base.errors import InsufficientScope
 from linked_fleet_gateway.extensions.queue.needs import Needs
 from linked_fleet_gateway.extensions.queue.order import Order, ended
 from linked_fleet_gateway.extensions.queue.ranks import passed, rank_beside

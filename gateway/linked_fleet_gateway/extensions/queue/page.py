@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode
 
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.api import DCTERMS, LDP, Right
-from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, say
 from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.queue.terms import LF
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, PROV
+from linked_fleet_rdf.vocabulary import HYBRIT, PROV
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form

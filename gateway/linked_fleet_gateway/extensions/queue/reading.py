@@ -13,8 +13,8 @@ from linked_fleet_gateway.extensions.queue.describing import describe_wanted
 from linked_fleet_gateway.extensions.queue.order import Choice, Order, Wanted
 from linked_fleet_gateway.extensions.queue.terms import LF
 from linked_fleet_gateway.faces import DeclaredForm
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import MATHS
+from linked_fleet_rdf.graph import Node
+from linked_fleet_rdf.vocabulary import MATHS
 
 _YEARS = 1970, 2200
 

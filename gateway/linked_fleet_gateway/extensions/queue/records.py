@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
+from linked_fleet_base.errors import ContainerFull
 from linked_fleet_gateway.api import Conflict, Core, Table, UnprocessableContent
-from linked_fleet_gateway.base.errors import ContainerFull
 from linked_fleet_gateway.extensions.missions.targets import Targets
 from linked_fleet_gateway.extensions.queue.order import Order
 from linked_fleet_gateway.extensions.queue.ranks import rank_of_new

@@ -12,7 +12,7 @@ from linked_fleet_gateway.extensions.availability.availability import out_of_ser
 from linked_fleet_gateway.extensions.latches.extension import Latches
 from linked_fleet_gateway.extensions.queue.order import Choice, Point
 from linked_fleet_gateway.faces import offers_at, parts_of
-from linked_fleet_gateway.fleet.kinematics import compose
+from linked_fleet_state.kinematics import compose
 
 Placement = Callable[[Robot], Pose | None]
 

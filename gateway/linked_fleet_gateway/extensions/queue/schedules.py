@@ -37,7 +37,7 @@ from linked_fleet_gateway.extensions.queue.schedule import Planned, Schedule
 from linked_fleet_gateway.extensions.queue.terms import LF
 from linked_fleet_gateway.extensions.queue.timetable import AT_ONCE, first_start, recurrence_of
 from linked_fleet_gateway.faces import DeclaredForm, Identity, Tree, View
-from linked_fleet_gateway.rdf.graph import Node
+from linked_fleet_rdf.graph import Node
 
 
 @dataclass(frozen=True)

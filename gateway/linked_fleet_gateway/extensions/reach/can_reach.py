@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import Literal, NamedNode
 
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.reach.envelope import envelope
 from linked_fleet_gateway.faces import commandable_joints, thing_at
-from linked_fleet_gateway.fleet.functions import Function, Term, path_of
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, base_pose, compose, inverse
-from linked_fleet_gateway.fleet.model import JointKind, Link, ModelError, Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.xml import Vector
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.vocabulary import LF as CORE
+from linked_fleet_state.functions import Function, Term, path_of
+from linked_fleet_state.kinematics import ORIGIN, base_pose, compose, inverse
+from linked_fleet_state.model import JointKind, Link, ModelError, Pose
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.xml import Vector
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver
@@ -34,7 +34,7 @@ TOLERANCE_M = 5e-5
 
 
 class CanReach:
-    """Implements ``linked_fleet_gateway.fleet.functions.FleetFunctions``."""
+    """Implements ``linked_fleet_state.functions.FleetFunctions``."""
 
     names = (LF.canReach,)
 

@@ -8,9 +8,9 @@ import math
 from collections.abc import Collection
 from typing import NamedTuple
 
-from linked_fleet_gateway.fleet.kinematics import compose
-from linked_fleet_gateway.fleet.model import Joint, JointKind, Pose, RobotModel
-from linked_fleet_gateway.fleet.xml import Vector
+from linked_fleet_state.kinematics import compose
+from linked_fleet_state.model import Joint, JointKind, Pose, RobotModel
+from linked_fleet_state.xml import Vector
 
 _UNTURNED = (0.0, 0.0, 0.0, 1.0)
 _ANYWHERE = (-math.inf, math.inf)

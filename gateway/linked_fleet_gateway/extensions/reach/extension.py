@@ -13,16 +13,16 @@ from msgspec.structs import replace
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent.wire.messages import Move
+from linked_fleet_base.errors import Conflict, Members, Offline, UnprocessableContent
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.api import ActionRequest, Core, DeferredPlan, Extension, Motion, Mount, build_motion
-from linked_fleet_gateway.base.errors import Conflict, Members, Offline, UnprocessableContent
-from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.reach.can_reach import LF, CanReach
 from linked_fleet_gateway.faces import commandable_joints
-from linked_fleet_gateway.fleet.kinematics import loose_joint
-from linked_fleet_gateway.fleet.model import JointKind, ModelError
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import MATHS
+from linked_fleet_rdf.graph import Node
+from linked_fleet_rdf.vocabulary import MATHS
+from linked_fleet_state.kinematics import loose_joint
+from linked_fleet_state.model import JointKind, ModelError
+from linked_fleet_state.robot import Robot
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.reach import inverse_kinematics as solver

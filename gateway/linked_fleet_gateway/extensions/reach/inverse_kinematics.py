@@ -15,7 +15,7 @@ import numpy.typing as npt
 import pinocchio as pin
 
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.fleet.joint_chain import (
+from linked_fleet_state.joint_chain import (
     FAR,
     Chain,
     Limits,
@@ -25,8 +25,8 @@ from linked_fleet_gateway.fleet.joint_chain import (
     has_unlimited_rotation,
     known_position,
 )
-from linked_fleet_gateway.fleet.model import JointKind
-from linked_fleet_gateway.fleet.xml import Quaternion, Vector, rotation
+from linked_fleet_state.model import JointKind
+from linked_fleet_state.xml import Quaternion, Vector, rotation
 
 Array = npt.NDArray[np.float64]
 

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 from uuid import UUID
 
-from linked_fleet_gateway.base.lazy_imports import LazyModule
-from linked_fleet_gateway.rdf.serialise import NoContentYet
+from linked_fleet_base.lazy_imports import LazyModule
+from linked_fleet_rdf.serialise import NoContentYet
 
 if TYPE_CHECKING:
     from mcap import reader as mcap

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
+from linked_fleet_state.invocation import Invocation, InvocationState
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ from linked_fleet_gateway.api import DCTERMS, LDP, RDFS
 from linked_fleet_gateway.extensions.pages.api import Facts, Link, PageView, Part, Value, timeline_link
 from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.recordings.resources import RECORDING, RECORDING_LIST
-from linked_fleet_gateway.rdf.vocabulary import LF, VOM
+from linked_fleet_rdf.vocabulary import LF, VOM
 
 _TEMPLATES = Path(__file__).parent / "templates"
 _SHOWN = {DCTERMS.created, DCTERMS.description, DCTERMS.format, LF.duration, LF.byteSize, LF.reason}

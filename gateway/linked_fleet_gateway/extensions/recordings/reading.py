@@ -6,11 +6,11 @@ import struct
 from typing import TYPE_CHECKING
 
 from linked_fleet_agent.urdf.document import UrdfError
-from linked_fleet_gateway.base.lazy_imports import LazyModule
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.history.files import table
 from linked_fleet_gateway.extensions.history.track import Joints, Numbers, all_columns
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.rdf.serialise import NoContentYet
+from linked_fleet_rdf.serialise import NoContentYet
+from linked_fleet_state.model import RobotModel
 
 if TYPE_CHECKING:
     from mcap import reader as mcap

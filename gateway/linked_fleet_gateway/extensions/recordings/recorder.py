@@ -25,7 +25,7 @@ from linked_fleet_gateway.extensions.recordings.folder import (
 )
 from linked_fleet_gateway.extensions.recordings.occasion import Occasion, outcome
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
+from linked_fleet_state.invocation import Invocation, InvocationState
 
 log = logging.getLogger(__name__)
 

@@ -9,10 +9,10 @@ from linked_fleet_gateway.extensions.history.files import CSV, MCAP
 from linked_fleet_gateway.extensions.recordings.folder import Recorded
 from linked_fleet_gateway.extensions.recordings.reading import table_of
 from linked_fleet_gateway.extensions.recordings.recorder import SEGMENT, Recorder, recordings_path
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import SECOND, Graph, integer, timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, LF, RDFS
 from linked_fleet_gateway.serving import Rendition
+from linked_fleet_rdf.graph import SECOND, Graph, integer, timestamp
+from linked_fleet_rdf.vocabulary import DCTERMS, LDP, LF, RDFS
+from linked_fleet_state.robot import Robot
 
 TERMS = "https://w3id.org/linked-fleet/recordings#"
 RECORDING, RECORDING_LIST = NamedNode(TERMS + "Recording"), NamedNode(TERMS + "RecordingList")

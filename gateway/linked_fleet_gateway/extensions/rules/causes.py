@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot, Measured
 from linked_fleet_gateway.extensions.rules.rule import FiringState, RuleRecord
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.invocations import Invocations
+from linked_fleet_state.robot import Robot
 
 SETTLING_S = 1.0
 """Time after its end in which a motion can still cause changes: joints settle, and the end itself is a change."""

@@ -12,9 +12,9 @@ from linked_fleet_gateway.api import FleetBranch, RequestView, Resource, Right, 
 from linked_fleet_gateway.extensions.rules.request import CONTAINER
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
 from linked_fleet_gateway.extensions.rules.template import LF, ROOT, triples_of
-from linked_fleet_gateway.rdf.graph import Graph, Node, integer, timestamp
-from linked_fleet_gateway.rdf.serialise import TEXT_TYPES
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDFS, XSD
+from linked_fleet_rdf.graph import Graph, Node, integer, timestamp
+from linked_fleet_rdf.serialise import TEXT_TYPES
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDFS, XSD
 
 _STATES = {
     FiringState.RUNNING: LF.running,

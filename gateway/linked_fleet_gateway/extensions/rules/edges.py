@@ -9,8 +9,8 @@ from pyoxigraph import BlankNode
 
 from linked_fleet_gateway.api import Resource, robot_path
 from linked_fleet_gateway.faces import Reading
-from linked_fleet_gateway.rdf.graph import Term
 from linked_fleet_gateway.serving import Live
+from linked_fleet_rdf.graph import Term
 
 LOOK_S = 0.02
 """Time in which frames are collected before a check."""

@@ -9,8 +9,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
 
+from linked_fleet_base.errors import AgentTimeout, Busy, FleetError, NotReadYet, RedisUnavailable
 from linked_fleet_gateway.api import Invocation, cancel_tasks, robot_of, supervised
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, FleetError, NotReadYet, RedisUnavailable
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly
 from linked_fleet_gateway.extensions.rules.causes import (

@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 
 from prometheus_client.metrics_core import Metric
 
+from linked_fleet_base.settings import Section, setting, whole_number
 from linked_fleet_gateway.api import Core, Extension, Mount, NavigationEntry, RequestView, counter, gauges
-from linked_fleet_gateway.base.settings import Section, setting, whole_number
 from linked_fleet_gateway.extensions.query.service import Queries
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, branch, rule_state
 from linked_fleet_gateway.extensions.rules.http import change_rule, post_rule

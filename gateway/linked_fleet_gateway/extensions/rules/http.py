@@ -4,7 +4,7 @@ Operations have bodies in JSON-LD, because a rule may give its action any RDF. T
 (429, too-many-rules).
 """
 
-# ruff: noqa: N818  (the names say what is wrong, as those of linked_fleet_gateway.base.errors)
+# ruff: noqa: N818  (the names say what is wrong, as those of linked_fleet_base.errors)
 
 import time
 import uuid
@@ -14,8 +14,7 @@ from dataclasses import replace
 
 from starlette.responses import Response
 
-from linked_fleet_gateway.api import Request, Resource, Right, body_type
-from linked_fleet_gateway.base.errors import (
+from linked_fleet_base.errors import (
     BadRequest,
     FleetError,
     InsufficientScope,
@@ -24,6 +23,7 @@ from linked_fleet_gateway.base.errors import (
     PreconditionFailed,
     UnprocessableContent,
 )
+from linked_fleet_gateway.api import Request, Resource, Right, body_type
 from linked_fleet_gateway.extensions.query.sparql_syntax import bound_iris
 from linked_fleet_gateway.extensions.rules.description import ChangeRule, MakeRule, rule_path
 from linked_fleet_gateway.extensions.rules.request import (
@@ -38,8 +38,8 @@ from linked_fleet_gateway.extensions.rules.service import Rules
 from linked_fleet_gateway.extensions.rules.store import Changed, FleetFull, Full
 from linked_fleet_gateway.extensions.rules.template import LF
 from linked_fleet_gateway.faces import Claims, Identity
-from linked_fleet_gateway.rdf.sparql_tokens import MAX_QUERY_BYTES
 from linked_fleet_gateway.serving import check_acceptable, convert_body, created_response, parse_body
+from linked_fleet_rdf.sparql_tokens import MAX_QUERY_BYTES
 
 
 class TooManyRules(FleetError):

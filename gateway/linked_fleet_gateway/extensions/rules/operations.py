@@ -22,8 +22,8 @@ from linked_fleet_gateway.extensions.rules.request import (
 )
 from linked_fleet_gateway.extensions.rules.template import LF
 from linked_fleet_gateway.faces import form_in
-from linked_fleet_gateway.rdf.shapes import load_turtle_file
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS
+from linked_fleet_rdf.shapes import load_turtle_file
+from linked_fleet_rdf.vocabulary import DCTERMS
 
 _CONTEXT = "https://w3id.org/linked-fleet/context"
 _MEMBERS = {

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, Literal, NamedNode
 
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.api import Right
-from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.api import message, say, translated
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
@@ -19,7 +19,7 @@ from linked_fleet_gateway.extensions.pages.values import Facts, Link, Value
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
 from linked_fleet_gateway.extensions.rules.request import RULE_SHAPE
 from linked_fleet_gateway.extensions.rules.template import LF, as_turtle
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP
+from linked_fleet_rdf.vocabulary import DCTERMS, LDP
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form

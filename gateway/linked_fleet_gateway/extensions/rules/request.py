@@ -8,11 +8,11 @@ from pathlib import Path
 
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
-from linked_fleet_gateway.base.errors import Statement, UnprocessableContent
+from linked_fleet_base.errors import Statement, UnprocessableContent
 from linked_fleet_gateway.extensions.rules.template import LF, blank_node_closure, template, variables
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.shapes import load_turtle_file
-from linked_fleet_gateway.rdf.validation import (
+from linked_fleet_rdf.graph import Node
+from linked_fleet_rdf.shapes import load_turtle_file
+from linked_fleet_rdf.validation import (
     ShaclValidator,
     Terms,
     check_lexical_forms,
@@ -21,7 +21,7 @@ from linked_fleet_gateway.rdf.validation import (
     refuse_statements,
     unused_statements,
 )
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, PROV, RDF, RDFS
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, PROV, RDF, RDFS
 
 RULE_SHAPE = Path(__file__).with_name("rules.ttl")
 """The shape of a rule that is posted."""

@@ -10,18 +10,18 @@ from urllib.parse import unquote
 
 from pyoxigraph import NamedNode, Triple
 
+from linked_fleet_base.errors import InsufficientScope, UnprocessableContent
 from linked_fleet_gateway.api import (
     Resource,
     Right,
     robot_of,
 )
-from linked_fleet_gateway.base.errors import InsufficientScope, UnprocessableContent
 from linked_fleet_gateway.extensions.rules.edges import Row
 from linked_fleet_gateway.extensions.rules.rule import Rule
 from linked_fleet_gateway.extensions.rules.template import fill
 from linked_fleet_gateway.faces import EVERYBODY, Claims, Identity, Invoke, Offer, Tree
-from linked_fleet_gateway.fleet.invocations import Invocation
 from linked_fleet_gateway.serving import Caller, Identities, RobotTime
+from linked_fleet_state.invocations import Invocation
 
 Moments = Mapping[str, RobotTime | None]
 CarryOut = Callable[[Offer, str, Caller, Sequence[Triple], RobotTime | None], Awaitable[Invocation]]

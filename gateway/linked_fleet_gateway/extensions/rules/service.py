@@ -9,8 +9,8 @@ from dataclasses import replace
 from types import TracebackType
 from typing import Self
 
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.api import Core, RequestEvent, Resource, cancel_tasks, supervised
-from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.rules.description import firings_path, rule_path
 from linked_fleet_gateway.extensions.rules.edges import ChangeNotifier
 from linked_fleet_gateway.extensions.rules.engine import Engine, Select, target_robot

@@ -7,11 +7,11 @@ from collections.abc import Iterable, Sequence
 
 from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse, serialize
 
-from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.rules.edges import Row
-from linked_fleet_gateway.rdf.graph import Node
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_rdf.graph import Node
+from linked_fleet_rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.vocabulary import PREFIXES
 
 LF = CORE.extended(
     "Rule Firing RuleList FiringList RuleShape RuleResourceShape FiringShape disabled suppressed rules"

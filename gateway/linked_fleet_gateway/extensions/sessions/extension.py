@@ -16,6 +16,8 @@ from starlette.datastructures import Headers
 from starlette.responses import RedirectResponse, Response
 from starlette.types import Receive, Scope
 
+from linked_fleet_base.errors import ForeignOrigin, Unauthenticated
+from linked_fleet_base.settings import FILE, Section, setting
 from linked_fleet_gateway.api import (
     Core,
     Extension,
@@ -27,8 +29,6 @@ from linked_fleet_gateway.api import (
     choose,
     supervised,
 )  # fmt: skip
-from linked_fleet_gateway.base.errors import ForeignOrigin, Unauthenticated
-from linked_fleet_gateway.base.settings import FILE, Section, setting
 from linked_fleet_gateway.extensions.sessions.cookies import read_cookie, record_session
 from linked_fleet_gateway.extensions.sessions.invitations import (
     MOST,
@@ -44,8 +44,8 @@ from linked_fleet_gateway.extensions.sessions.invitations import (
 from linked_fleet_gateway.extensions.sessions.login import Login
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions, SessionKey, Sessions
 from linked_fleet_gateway.faces import HTML
-from linked_fleet_gateway.rdf.serialise import RDF_TYPES
 from linked_fleet_gateway.serving import Authenticated, arrival_of
+from linked_fleet_rdf.serialise import RDF_TYPES
 
 log = logging.getLogger(__name__)
 HERE = Path(__file__).parent

@@ -18,6 +18,7 @@ from typing import ClassVar
 from msgspec import Struct
 from pyoxigraph import Triple
 
+from linked_fleet_base.errors import InsufficientScope
 from linked_fleet_gateway.api import (
     DCTERMS,
     Body,
@@ -38,12 +39,11 @@ from linked_fleet_gateway.api import (
     body_type,
     timestamp,
 )
-from linked_fleet_gateway.base.errors import InsufficientScope
 from linked_fleet_gateway.faces import Identity, TokenHash, form_of, validate_body
-from linked_fleet_gateway.rdf.serialise import JSON, TEXT_TYPES
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
 from linked_fleet_gateway.serving import BadToken, check_acceptable, convert_body, created_response, parse_form
+from linked_fleet_rdf.serialise import JSON, TEXT_TYPES
+from linked_fleet_rdf.vocabulary import HYBRIT
+from linked_fleet_rdf.vocabulary import LF as CORE
 
 LF = CORE.extended("Invitations Invitation InvitationInput invitationLink invitedBy")
 SEGMENT = "invitations"

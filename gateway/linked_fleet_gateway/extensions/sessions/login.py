@@ -3,7 +3,7 @@
 The error of logins is ``TooManyLogins`` (429, too-many-logins).
 """
 
-# ruff: noqa: N818  (the names say what is wrong, as those of linked_fleet_gateway.base.errors)
+# ruff: noqa: N818  (the names say what is wrong, as those of linked_fleet_base.errors)
 
 import logging
 import math
@@ -18,8 +18,7 @@ from urllib.parse import parse_qs, quote, urlencode
 
 from starlette.responses import RedirectResponse, Response
 
-from linked_fleet_gateway.api import Request, Right
-from linked_fleet_gateway.base.errors import (
+from linked_fleet_base.errors import (
     BadRequest,
     FleetError,
     ForeignOrigin,
@@ -27,6 +26,7 @@ from linked_fleet_gateway.base.errors import (
     MethodNotAllowed,
     NotFound,
 )
+from linked_fleet_gateway.api import Request, Right
 from linked_fleet_gateway.extensions.pages.languages import language, message, say, speaking, translated
 from linked_fleet_gateway.extensions.pages.page import FORMS, render
 from linked_fleet_gateway.extensions.pages.views import places

@@ -15,8 +15,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.api import cancel_tasks, supervised
-from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.sessions.invitations import Invitations
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     KEY_BYTES,

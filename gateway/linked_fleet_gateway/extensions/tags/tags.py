@@ -9,8 +9,8 @@ from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_gateway.api import Body, Graph, Property, Robot, UnprocessableContent
 from linked_fleet_gateway.faces import Measurement, Setting
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.vocabulary import HYBRIT
+from linked_fleet_rdf.vocabulary import LF as CORE
 
 LF = CORE.extended("Tags TagsShape TagsInput tags tag")
 TAGS = "tags"

@@ -34,11 +34,11 @@ from linked_fleet_gateway.extensions.things.td import (
     types_of,
 )
 from linked_fleet_gateway.faces import Offer, RobotPart, ThingDocument, parts_of
-from linked_fleet_gateway.fleet.model import Joint, Link
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDFS, XHV
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.vocabulary import DCTERMS, LDP, RDFS, XHV
+from linked_fleet_rdf.vocabulary import LF as CORE
+from linked_fleet_state.model import Joint, Link
+from linked_fleet_state.robot import Robot
 
 LF = CORE.extended("Directory things")
 

@@ -14,6 +14,7 @@ from typing import Any
 
 from starlette.responses import Response, StreamingResponse
 
+from linked_fleet_base.errors import BadRequest, NotAcceptable, Unimplemented
 from linked_fleet_gateway.api import (
     Core,
     Extension,
@@ -26,7 +27,6 @@ from linked_fleet_gateway.api import (
     read_resource,
     time_sliced,
 )
-from linked_fleet_gateway.base.errors import BadRequest, NotAcceptable, Unimplemented
 from linked_fleet_gateway.extensions.things.directory import (
     MOST,
     MOST_LISTED,
@@ -39,8 +39,8 @@ from linked_fleet_gateway.extensions.things.directory import (
 from linked_fleet_gateway.extensions.things.kept_listings import InThread, KeptListing, KeptListings, LongListing
 from linked_fleet_gateway.extensions.things.operations import operations
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
-from linked_fleet_gateway.rdf.serialise import JSON
 from linked_fleet_gateway.serving import WebLink, link_header, not_modified
+from linked_fleet_rdf.serialise import JSON
 
 TYPES = ("application/ld+json", JSON)
 _SORTING = ("sort_by", "sort_order")

@@ -14,7 +14,7 @@ from linked_fleet_gateway.extensions.things.directory import (
     MOST,
 )
 from linked_fleet_gateway.extensions.things.td import DIRECTORY, TD
-from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_rdf.serialise import JSON
 
 _THING: Json = {"type": "object", "required": ["@context", "id", "title"]}
 _THINGS: Json = {"schema": {"type": "array", "items": _THING}}

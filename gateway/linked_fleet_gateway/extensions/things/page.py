@@ -11,7 +11,7 @@ from linked_fleet_gateway.extensions.pages.languages import message
 from linked_fleet_gateway.extensions.pages.values import Facts, Link
 from linked_fleet_gateway.extensions.pages.views import PageView, Part
 from linked_fleet_gateway.extensions.things.directory import LF
-from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_rdf.vocabulary import LDP
 
 
 @dataclass(frozen=True)

@@ -26,11 +26,11 @@ from linked_fleet_gateway.faces import (
     part_paths,
     properties_at,
 )
-from linked_fleet_gateway.fleet.model import Joint, Link
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, LF, ROS, SOSA
 from linked_fleet_gateway.resources.plain_json import description_json
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.vocabulary import HYBRIT, LF, ROS, SOSA
+from linked_fleet_state.model import Joint, Link
+from linked_fleet_state.robot import Robot
 
 TD, DIRECTORY = "application/td+json", "/things"
 """Media type of a Thing Description, and path of the directory."""

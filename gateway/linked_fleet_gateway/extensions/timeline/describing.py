@@ -5,13 +5,13 @@ from collections.abc import Iterator, Sequence, Set
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_base.spreadsheet import csv_table
 from linked_fleet_gateway.api import DCTERMS, RDFS, Graph, integer, robot_path, timestamp
-from linked_fleet_gateway.base.spreadsheet import csv_table
 from linked_fleet_gateway.extensions.timeline.activity import Activity
 from linked_fleet_gateway.extensions.timeline.collecting import Chronicle
 from linked_fleet_gateway.extensions.timeline.terms import LF, state_term
 from linked_fleet_gateway.extensions.timeline.window import lexical
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, PROV
+from linked_fleet_rdf.vocabulary import HYBRIT, PROV
 
 PATH = "/timeline"
 MOST_ROBOTS = 200

@@ -33,7 +33,7 @@ from linked_fleet_gateway.extensions.timeline.window import (
     query_of,
     zoomed,
 )
-from linked_fleet_gateway.rdf.vocabulary import PROV
+from linked_fleet_rdf.vocabulary import PROV
 
 MOST_REPLAYED = 4
 """Robots that the page of a fleet shows as they were."""

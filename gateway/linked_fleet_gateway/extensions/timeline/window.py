@@ -6,8 +6,8 @@ from urllib.parse import quote
 
 from msgspec import Struct
 
+from linked_fleet_base.instants import parse_instant
 from linked_fleet_gateway.api import BadRequest
-from linked_fleet_gateway.base.instants import parse_instant
 
 SECOND_NS = 1_000_000_000
 HOUR_NS = 3600 * SECOND_NS

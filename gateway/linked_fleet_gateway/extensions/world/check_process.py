@@ -13,7 +13,7 @@ from pathlib import Path
 
 import msgspec
 
-from linked_fleet_gateway.base.answering import answer_questions, load_answers
+from linked_fleet_base.answering import answer_questions, load_answers
 from linked_fleet_gateway.extensions.world.messages import Answer, CheckFailed, Question
 
 MAX_MEMORY_BYTES = 4 * 2**30

@@ -14,8 +14,8 @@ from msgspec.structs import replace
 from pyoxigraph import NamedNode
 
 from linked_fleet_agent import planar
+from linked_fleet_base.errors import Busy, MotionRefused
 from linked_fleet_gateway.api import Motion
-from linked_fleet_gateway.base.errors import Busy, MotionRefused
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.collisions import Collides, Collisions, Unchecked
 from linked_fleet_gateway.extensions.world.descriptions import object_path
@@ -51,12 +51,12 @@ from linked_fleet_gateway.extensions.world.scene import SceneObject, Unreadable
 from linked_fleet_gateway.extensions.world.schedules import OnTime, Run, Schedules
 from linked_fleet_gateway.extensions.world.touch import thing_to_grasp, things_to_touch
 from linked_fleet_gateway.faces import ALL, View, unchecked_links
-from linked_fleet_gateway.fleet.closest import Closest
-from linked_fleet_gateway.fleet.driving import Drive, FollowedPath, placed
-from linked_fleet_gateway.fleet.jogging import JointDrive
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import Finding
 from linked_fleet_gateway.serving import Act, Live, Worker
+from linked_fleet_state.closest import Closest
+from linked_fleet_state.driving import Drive, FollowedPath, placed
+from linked_fleet_state.jogging import JointDrive
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.unchecked import Finding
 
 
 class Neighbour(NamedTuple):

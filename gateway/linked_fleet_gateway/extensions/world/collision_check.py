@@ -61,7 +61,7 @@ from linked_fleet_gateway.extensions.world.surroundings import (
     other_robot_bodies,
     se3,
 )
-from linked_fleet_gateway.fleet.xml import Vector
+from linked_fleet_state.xml import Vector
 
 CLEARANCE_M = 0.001  # half a step, so that parts that keep it at two neighbouring places do not touch between them
 _NEAREST_M = 1e-5  # least margin of a pair that does not touch at the start

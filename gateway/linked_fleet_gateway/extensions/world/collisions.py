@@ -12,13 +12,13 @@ from types import MappingProxyType
 
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_base.errors import Members, MotionRefused
 from linked_fleet_gateway.api import RequestView, Resource, Source, blueprint_of, robot_of, robot_path
-from linked_fleet_gateway.base.errors import Members, MotionRefused
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.fleet.xml import Vector
-from linked_fleet_gateway.rdf.graph import METRE, Graph, timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, RDFS
+from linked_fleet_rdf.graph import METRE, Graph, timestamp
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, RDFS
+from linked_fleet_state.unchecked import UncheckedLink
+from linked_fleet_state.xml import Vector
 
 
 class Collides(MotionRefused):

@@ -17,8 +17,8 @@ from linked_fleet_agent.wire.messages import Follow, Move
 from linked_fleet_gateway.extensions.world.messages import PathSegment, Positions
 from linked_fleet_gateway.extensions.world.other_motions import CONFIGURATION_STEP, MOST_CONFIGURATIONS
 from linked_fleet_gateway.extensions.world.segments import interpolate, lasts_s, share_at
-from linked_fleet_gateway.fleet.pace import duration_s
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.pace import duration_s
+from linked_fleet_state.robot import Robot
 
 _RAMP_STEPS = 8
 _STEPS = 64

@@ -10,9 +10,9 @@ from functools import cache
 
 from pyoxigraph import Literal, NamedNode, Triple
 
+from linked_fleet_base.errors import UnprocessableContent
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.api import Body, link_path, robot_path
-from linked_fleet_gateway.base.errors import UnprocessableContent
-from linked_fleet_gateway.base.faults import Faults
 from linked_fleet_gateway.extensions.models.geometry import model_path
 from linked_fleet_gateway.extensions.world.held import Robots, StatedObject, path_of
 from linked_fleet_gateway.extensions.world.placement import (
@@ -36,12 +36,12 @@ from linked_fleet_gateway.extensions.world.scene import (
     read_stl,
 )
 from linked_fleet_gateway.faces import Form, RelativePose, form_of, validate_body
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import METRE, Graph, Node
-from linked_fleet_gateway.rdf.validation import refuse_statements
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, RDF, RDFS
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE_LF
+from linked_fleet_rdf.graph import METRE, Graph, Node
+from linked_fleet_rdf.validation import refuse_statements
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, HYDRA, LDP, RDF, RDFS
+from linked_fleet_rdf.vocabulary import LF as CORE_LF
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
 
 OBJECTS, POSES = f"{WORLD}/objects", f"{WORLD}/pose"
 STL = "model/stl"

@@ -13,11 +13,11 @@ from linked_fleet_gateway.extensions.world.messages import Positions
 from linked_fleet_gateway.extensions.world.other_motions import thinned
 from linked_fleet_gateway.extensions.world.plane import positions_of
 from linked_fleet_gateway.faces import path_ahead
-from linked_fleet_gateway.fleet.driving import REACTION_S, Drive, FollowedPath, placed, relative
-from linked_fleet_gateway.fleet.kinematics import base_pose
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.xml import rotation
+from linked_fleet_state.driving import REACTION_S, Drive, FollowedPath, placed, relative
+from linked_fleet_state.kinematics import base_pose
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.xml import rotation
 
 COAST_S = 1.0
 """A base that moves, and of which this gateway knows no drive, may go on like this for so long."""

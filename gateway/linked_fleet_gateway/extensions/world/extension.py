@@ -14,6 +14,7 @@ from urllib.parse import unquote
 from pyoxigraph import Literal, Triple
 from starlette.responses import Response
 
+from linked_fleet_base.errors import BadRequest, NotFound
 from linked_fleet_gateway.api import (
     Core,
     Extension,
@@ -26,7 +27,6 @@ from linked_fleet_gateway.api import (
     body_type,
     read_resource,
 )
-from linked_fleet_gateway.base.errors import BadRequest, NotFound
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.descriptions import (
     OBJECTS,
@@ -48,9 +48,9 @@ from linked_fleet_gateway.extensions.world.resources import PoseQuery, PostObjec
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.service import World
 from linked_fleet_gateway.faces import managed_statements, relative_pose
-from linked_fleet_gateway.rdf.serialise import JSON
-from linked_fleet_gateway.rdf.validation import ground_statements
 from linked_fleet_gateway.serving import convert_body, parse_body, parse_form, read_change, resolve_under_preconditions
+from linked_fleet_rdf.serialise import JSON
+from linked_fleet_rdf.validation import ground_statements
 
 MAX_BODY_BYTES = 768 * 1024  # of a mesh in Base64
 MAX_TRIPLES = 200

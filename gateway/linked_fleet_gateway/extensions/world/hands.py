@@ -8,8 +8,8 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from linked_fleet_gateway.api import Joint, Robot, RobotModel
 from linked_fleet_gateway.faces import parts_of
-from linked_fleet_gateway.fleet.gripper import Gripper
-from linked_fleet_gateway.fleet.model import JointKind
+from linked_fleet_state.gripper import Gripper
+from linked_fleet_state.model import JointKind
 
 
 def grippers(robot: Robot) -> Mapping[str, Gripper]:

@@ -25,8 +25,8 @@ from linked_fleet_gateway.extensions.world.scene import (
     Sphere,
     TriangleMesh,
 )
-from linked_fleet_gateway.fleet.gripper import Gripper
-from linked_fleet_gateway.fleet.kinematics import compose, inverse
+from linked_fleet_state.gripper import Gripper
+from linked_fleet_state.kinematics import compose, inverse
 
 Robots = Mapping[str, Robot]
 FARTHEST_M = 0.5

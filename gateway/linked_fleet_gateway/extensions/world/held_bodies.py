@@ -20,7 +20,7 @@ from linked_fleet_gateway.extensions.world.reach import reach_m
 from linked_fleet_gateway.extensions.world.robot import Body, Robot
 from linked_fleet_gateway.extensions.world.surfaces import Surface
 from linked_fleet_gateway.extensions.world.surroundings import StaticBody, se3
-from linked_fleet_gateway.fleet.kinematics import loose_joint
+from linked_fleet_state.kinematics import loose_joint
 
 Shapes = Mapping[str, coal.CollisionGeometry]
 

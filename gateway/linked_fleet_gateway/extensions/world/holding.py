@@ -16,8 +16,8 @@ import msgspec
 from msgspec.structs import replace
 from pyoxigraph import NamedNode, RdfFormat, parse
 
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.api import Invocation, InvocationState, Pose, RedisUnavailable, Robot, Table, cancel_tasks
-from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.world.collisions import Unchecked
 from linked_fleet_gateway.extensions.world.descriptions import OBJECTS
 from linked_fleet_gateway.extensions.world.hands import grippers
@@ -25,8 +25,8 @@ from linked_fleet_gateway.extensions.world.held import FARTHEST_M, gap_m, held_b
 from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import Held, SceneObject
 from linked_fleet_gateway.faces import robot_path
-from linked_fleet_gateway.fleet.gripper import Gripper
 from linked_fleet_gateway.serving import Live
+from linked_fleet_state.gripper import Gripper
 
 _log = logging.getLogger(__name__)
 _AGAIN_S, _WAIT_S = 0.5, 2.0

@@ -17,8 +17,8 @@ from linked_fleet_gateway.extensions.world.messages import Answer, Check, Collis
 from linked_fleet_gateway.extensions.world.questions import Questions
 from linked_fleet_gateway.extensions.world.schedules import START_S, OnTime, Run, Schedules, arrival_s
 from linked_fleet_gateway.faces import View
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.serving import Act
+from linked_fleet_state.robot import Robot
 
 Ask = Callable[[Check], Awaitable[Answer]]
 

@@ -7,8 +7,8 @@ from collections.abc import Callable, Iterator, Mapping
 from linked_fleet_agent.joint_ramp import ramp_s
 from linked_fleet_gateway.extensions.world.messages import PathSegment, Positions
 from linked_fleet_gateway.extensions.world.other_motions import thinned
-from linked_fleet_gateway.fleet.jogging import JointDrive
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.jogging import JointDrive
+from linked_fleet_state.robot import Robot
 
 _MARGIN_S = 0.5
 _NO_WAY = 1e-6

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from starlette.responses import Response
 
+from linked_fleet_base.errors import NotAcceptable
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.api import (
     BadRequest,
     Content,
@@ -18,8 +20,6 @@ from linked_fleet_gateway.api import (
     body_type,
     choose,
 )
-from linked_fleet_gateway.base.errors import NotAcceptable
-from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.world.floor_map import (
     DEFAULT_HEIGHT_M,
     ID,

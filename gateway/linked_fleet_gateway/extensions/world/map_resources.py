@@ -12,9 +12,9 @@ from linked_fleet_gateway.extensions.world.floor_map import ID, FloorMap, Maps, 
 from linked_fleet_gateway.extensions.world.map_yaml import write_yaml
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD, describe_pose
 from linked_fleet_gateway.extensions.world.relocalise import flat_pose
-from linked_fleet_gateway.rdf.graph import METRE, UNITLESS, timestamp
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDFS
 from linked_fleet_gateway.serving import Rendition
+from linked_fleet_rdf.graph import METRE, UNITLESS, timestamp
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LDP, PROV, RDFS
 
 MAP = f"{WORLD}/map"
 FORM, PGM, YAML, PNG = "multipart/form-data", "image/x-portable-graymap", "application/yaml", "image/png"

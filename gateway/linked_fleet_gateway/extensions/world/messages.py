@@ -7,10 +7,10 @@ from msgspec import Struct
 from linked_fleet_agent import planar
 from linked_fleet_agent.planar import Velocity
 from linked_fleet_gateway.extensions.world.scene import Geometry
-from linked_fleet_gateway.fleet.driving import Drive
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.fleet.xml import Vector
+from linked_fleet_state.driving import Drive
+from linked_fleet_state.model import Pose
+from linked_fleet_state.unchecked import UncheckedLink
+from linked_fleet_state.xml import Vector
 
 Positions = dict[str, float]
 Kind = Literal["self", "robot", "object", "map"]

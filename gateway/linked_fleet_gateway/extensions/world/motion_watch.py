@@ -11,14 +11,14 @@ from collections.abc import Callable, Mapping
 from types import TracebackType
 from typing import Self
 
+from linked_fleet_base.errors import MotionRefused
 from linked_fleet_gateway.api import Invocation, InvocationState, cancel_tasks, supervised
-from linked_fleet_gateway.base.errors import MotionRefused
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides
 from linked_fleet_gateway.extensions.world.in_time import Pair
 from linked_fleet_gateway.extensions.world.path_watch import Cancel, end
 from linked_fleet_gateway.extensions.world.schedules import START_S, Run
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.robot import Robot
 
 log = logging.getLogger(__name__)
 

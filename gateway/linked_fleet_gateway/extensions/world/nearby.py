@@ -17,9 +17,9 @@ from linked_fleet_gateway.extensions.world.process import Preparation, is_placed
 from linked_fleet_gateway.extensions.world.questions import base_of
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Unreadable
 from linked_fleet_gateway.faces import View
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.xml import Vector
 from linked_fleet_gateway.serving import Live
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.xml import Vector
 
 EARLY_S = 30.0
 """Longest wait of a motion for the start of the process and for shapes that are being prepared."""

@@ -24,8 +24,8 @@ from linked_fleet_gateway.extensions.world.descriptions import (
 )
 from linked_fleet_gateway.extensions.world.map_resources import FORM, MAP, PGM, PGM_FILE, PNG, PNG_FILE, YAML, YAML_FILE
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
-from linked_fleet_gateway.rdf.graph import METRE
-from linked_fleet_gateway.rdf.serialise import JSON
+from linked_fleet_rdf.graph import METRE
+from linked_fleet_rdf.serialise import JSON
 
 _BALL: Json = {
     "title": "a ball",

@@ -16,7 +16,7 @@ from linked_fleet_agent.planar import Pose
 from linked_fleet_gateway.extensions.world.corners import RING
 from linked_fleet_gateway.extensions.world.robot import Body
 from linked_fleet_gateway.extensions.world.surfaces import Array, convex_hull
-from linked_fleet_gateway.fleet.driving import pieces
+from linked_fleet_state.driving import pieces
 
 _DIRECTIONS = np.array([(math.cos(angle), math.sin(angle)) for angle in np.arange(64) * math.tau / 64])
 """A hull has the points that are the furthest in these directions: 0.1 % of its radius may be missing."""

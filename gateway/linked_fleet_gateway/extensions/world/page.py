@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 from pyoxigraph import BlankNode, NamedNode
 
+from linked_fleet_base.lazy_imports import LazyModule
 from linked_fleet_gateway.api import Right
-from linked_fleet_gateway.base.lazy_imports import LazyModule
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.form_parts import Form, Group, Leaf
 from linked_fleet_gateway.extensions.pages.languages import message, say
@@ -25,10 +25,10 @@ from linked_fleet_gateway.extensions.world.descriptions import (
 from linked_fleet_gateway.extensions.world.map_resources import MAP
 from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, MATHS, RDF, RDFS
+from linked_fleet_rdf.graph import Graph
 from linked_fleet_rdf.turtle import Term
+from linked_fleet_rdf.vocabulary import DCTERMS, LDP, MATHS, RDF, RDFS
+from linked_fleet_state.model import Pose
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.pages import form

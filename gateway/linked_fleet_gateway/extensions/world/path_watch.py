@@ -18,13 +18,13 @@ from msgspec.structs import replace
 
 from linked_fleet_agent.planar import Pose, Velocity
 from linked_fleet_agent.wire.components import BASE
+from linked_fleet_base.errors import AgentTimeout
 from linked_fleet_gateway.api import Invocation, cancel_tasks, supervised
-from linked_fleet_gateway.base.errors import AgentTimeout
 from linked_fleet_gateway.extensions.world.checks import Checks, Neighbour, Neighbours
 from linked_fleet_gateway.extensions.world.collisions import Collides, Unchecked
 from linked_fleet_gateway.extensions.world.driving import apart_m, odometry_of, poses_along, velocity_of
-from linked_fleet_gateway.fleet.driving import FollowedPath
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.driving import FollowedPath
+from linked_fleet_state.robot import Robot
 
 log = logging.getLogger(__name__)
 

@@ -12,16 +12,16 @@ import msgspec
 from msgspec import Struct
 from pyoxigraph import Literal, NamedNode
 
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.api import Body, Property, robot_path
-from linked_fleet_gateway.base.errors import UnprocessableContent
 from linked_fleet_gateway.faces import Measurement, Setting
-from linked_fleet_gateway.fleet.kinematics import compose
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.xml import Quaternion, Vector
-from linked_fleet_gateway.rdf.graph import METRE, Graph, Node
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, MATHS
-from linked_fleet_gateway.rdf.vocabulary import LF as CORE
+from linked_fleet_rdf.graph import METRE, Graph, Node
+from linked_fleet_rdf.vocabulary import HYBRIT, MATHS
+from linked_fleet_rdf.vocabulary import LF as CORE
+from linked_fleet_state.kinematics import compose
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.xml import Quaternion, Vector
 
 LF = CORE.extended(
     "World Placement SceneObject SceneObjects Obstacle KeepOutZone Box Sphere Cylinder TriangleMesh"

@@ -6,8 +6,8 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 from linked_fleet_agent.planar import Pose
 from linked_fleet_gateway.extensions.world.messages import DrivenWay, MotionPath, PathSegment, Positions
 from linked_fleet_gateway.extensions.world.other_motions import paths_along
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.fleet.xml import parse_xml
+from linked_fleet_state.model import RobotModel
+from linked_fleet_state.xml import parse_xml
 
 PLANE = ("plane x", "plane y", "plane turn")
 """Names of the joints by which a base slides and turns: metre, metre, radian."""

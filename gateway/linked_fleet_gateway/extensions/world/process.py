@@ -17,8 +17,8 @@ from typing import Any
 import msgspec
 
 from linked_fleet_agent.wire.messages import Description
+from linked_fleet_base.errors import FleetError
 from linked_fleet_gateway.api import cancel_tasks, supervised
-from linked_fleet_gateway.base.errors import FleetError
 from linked_fleet_gateway.extensions.models.geometry import file_name, meshes_of
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.world.floor_map import OBSTACLES_KEY, FloorMap
@@ -35,9 +35,9 @@ from linked_fleet_gateway.extensions.world.messages import (
 )
 from linked_fleet_gateway.extensions.world.placement import placement_of
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink, in_words
 from linked_fleet_gateway.serving import Live, NoReply, QuestionProcess, Worker
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.unchecked import UncheckedLink, in_words
 
 _log = logging.getLogger(__name__)
 

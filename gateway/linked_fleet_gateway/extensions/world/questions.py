@@ -44,11 +44,11 @@ from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.extensions.world.schedules import OnTime, Schedules
 from linked_fleet_gateway.extensions.world.touch import things_to_touch
 from linked_fleet_gateway.faces import View
-from linked_fleet_gateway.fleet.driving import Drive, FollowedPath
-from linked_fleet_gateway.fleet.jogging import JointDrive
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
 from linked_fleet_gateway.serving import Act, Live
+from linked_fleet_state.driving import Drive, FollowedPath
+from linked_fleet_state.jogging import JointDrive
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
 
 
 def paths_of(motion: Move | Follow, start: Positions, elsewhere: Mapping[str, float]) -> tuple[MotionPath, ...]:

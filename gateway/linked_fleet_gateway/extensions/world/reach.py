@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 
 from linked_fleet_gateway.extensions.world.surfaces import Array
-from linked_fleet_gateway.fleet.model import Joint, JointKind, RobotModel
+from linked_fleet_state.model import Joint, JointKind, RobotModel
 
 UNKNOWN_M = 1.0
 """Least reach from its origin of a link of unknown size."""

@@ -10,9 +10,9 @@ from linked_fleet_gateway.extensions.world.map_resources import MAP
 from linked_fleet_gateway.extensions.world.messages import CollisionFound, UncheckedNear
 from linked_fleet_gateway.extensions.world.scene import SceneObject
 from linked_fleet_gateway.faces import unchecked_links as links_of
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import in_words
+from linked_fleet_state.model import RobotModel
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.unchecked import in_words
 
 
 class Refusals:

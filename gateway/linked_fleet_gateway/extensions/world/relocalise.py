@@ -19,9 +19,9 @@ from linked_fleet_gateway.extensions.world.placement import (
     placement_of,
 )
 from linked_fleet_gateway.extensions.world.scene import FARTHEST_M
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.rdf.vocabulary import MATHS
+from linked_fleet_rdf.vocabulary import MATHS
+from linked_fleet_state.kinematics import ORIGIN, compose
+from linked_fleet_state.model import Pose
 
 
 def flat_pose(x: float, y: float, heading: float) -> Pose:

@@ -24,8 +24,8 @@ from linked_fleet_gateway.extensions.world.held import path_of
 from linked_fleet_gateway.extensions.world.map_resources import MAP, resolve_map
 from linked_fleet_gateway.extensions.world.placement import LF, PLACEMENT, WORLD
 from linked_fleet_gateway.extensions.world.scene import SceneObject, TriangleMesh, Unreadable
-from linked_fleet_gateway.rdf.serialise import JSON, TEXT_TYPES
-from linked_fleet_gateway.rdf.vocabulary import LDP
+from linked_fleet_rdf.serialise import JSON, TEXT_TYPES
+from linked_fleet_rdf.vocabulary import LDP
 
 _BLUEPRINT = "blueprint"
 

@@ -21,9 +21,9 @@ import pinocchio as pin
 from linked_fleet_gateway.extensions.world.corners import corners_of
 from linked_fleet_gateway.extensions.world.reach import links_m, reach_m, slide_m
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
-from linked_fleet_gateway.fleet.kinematics import loose_joint
-from linked_fleet_gateway.fleet.model import JointKind, RobotModel
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink
+from linked_fleet_state.kinematics import loose_joint
+from linked_fleet_state.model import JointKind, RobotModel
+from linked_fleet_state.unchecked import UncheckedLink
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta, Struct
 
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 MAX_TRIANGLES = 10_000
 MAX_OBJECTS = 256

@@ -12,8 +12,8 @@ from typing import NamedTuple
 from linked_fleet_gateway.api import Invocation, InvocationState
 from linked_fleet_gateway.extensions.world.course import Course
 from linked_fleet_gateway.extensions.world.messages import Positions
-from linked_fleet_gateway.fleet.model import JointKind
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.model import JointKind
+from linked_fleet_state.robot import Robot
 
 BEHIND_S, AHEAD_S = 0.5, 0.1
 """Largest delay and lead of a motion that keeps its times."""

@@ -27,12 +27,12 @@ from linked_fleet_gateway.extensions.world.placement import LF, WORLD
 from linked_fleet_gateway.extensions.world.resources import resolve_world
 from linked_fleet_gateway.extensions.world.scene import MAX_OBJECTS, SceneObject, decode, encode
 from linked_fleet_gateway.faces import View
-from linked_fleet_gateway.fleet.carried import CarriedPose
-from linked_fleet_gateway.fleet.kinematics import ORIGIN
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.rdf.graph import Graph
 from linked_fleet_gateway.serving import StoredRecords
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_state.carried import CarriedPose
+from linked_fleet_state.kinematics import ORIGIN
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
 
 if TYPE_CHECKING:
     from linked_fleet_gateway.extensions.world.occupancy import OccupancyGrid

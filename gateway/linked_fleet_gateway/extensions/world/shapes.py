@@ -20,11 +20,11 @@ from linked_fleet_gateway.extensions.world.reach import links_m
 from linked_fleet_gateway.extensions.world.robot import Body, Robot, build_reach, self_collision_pairs
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Sphere
 from linked_fleet_gateway.extensions.world.surfaces import Surface
-from linked_fleet_gateway.fleet.kinematics import loose_joint
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.fleet.pinocchio_model import build_model
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.fleet.xml import ModelError, parse_xml, rotation
+from linked_fleet_state.kinematics import loose_joint
+from linked_fleet_state.model import RobotModel
+from linked_fleet_state.pinocchio_model import build_model
+from linked_fleet_state.unchecked import UncheckedLink
+from linked_fleet_state.xml import ModelError, parse_xml, rotation
 
 Surfaces = Callable[[str], Surface]
 """Returns the mesh with a URI in the URDF. Raises ModelError if it is unusable."""

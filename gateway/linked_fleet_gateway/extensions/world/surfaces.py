@@ -26,7 +26,7 @@ import numpy as np
 import numpy.typing as npt
 
 from linked_fleet_gateway.extensions.models.mesh_formats import collada_unit_m, with_plain_root
-from linked_fleet_gateway.fleet.xml import ModelError
+from linked_fleet_state.xml import ModelError
 
 _log = logging.getLogger(__name__)
 

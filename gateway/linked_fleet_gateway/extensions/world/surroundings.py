@@ -16,8 +16,8 @@ from linked_fleet_gateway.extensions.world.outline import outline, swept
 from linked_fleet_gateway.extensions.world.path import STEP_M, UnknownPosition, moved_positions
 from linked_fleet_gateway.extensions.world.robot import Body, Robot, put
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface, winding_number
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.xml import rotation
+from linked_fleet_state.model import Pose
+from linked_fleet_state.xml import rotation
 
 _NEARLY_M = 4 * STEP_M  # above this, the distance of the hulls replaces that of the surfaces
 _REQUEST = coal.DistanceRequest()

@@ -32,7 +32,7 @@ from linked_fleet_gateway.extensions.world.shapes import (
 )
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache, Surface, read_mesh
 from linked_fleet_gateway.extensions.world.survey import survey
-from linked_fleet_gateway.fleet.xml import ModelError
+from linked_fleet_state.xml import ModelError
 
 _log = logging.getLogger(__name__)
 

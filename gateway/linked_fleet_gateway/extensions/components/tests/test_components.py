@@ -18,7 +18,7 @@ from linked_fleet_client.errors import InvalidInput
 from linked_fleet_client.fleet import Fleet
 from linked_fleet_gateway.extensions.components import declarations
 from linked_fleet_gateway.http.scheduling import SHORT_BYTES, Offload
-from linked_fleet_gateway.rdf.validation import ShaclValidator
+from linked_fleet_rdf.validation import ShaclValidator
 from running import eventually
 from small_fleet import Place, number, whole
 from subscribers import Events, events

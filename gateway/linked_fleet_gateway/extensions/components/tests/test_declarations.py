@@ -14,8 +14,8 @@ from linked_fleet_agent.wire.components import Component
 from linked_fleet_agent.wire.schema import MAX_MEMBERS
 from linked_fleet_gateway.extensions.components.declarations import CompiledDeclarations, compile_declarations
 from linked_fleet_gateway.extensions.components.places import Place, place_of, term_iri
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import HYBRIT, MATHS, OWL, QUDT, RDF, RDFS
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.vocabulary import HYBRIT, MATHS, OWL, QUDT, RDF, RDFS
 
 WIDTH = {"type": "number", "unit": "M", "minimum": 0, "maximum": 0.08, "title": "Width", "description": "Between."}
 HOLDS = "https://example.org/terms#holds"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from browser import LF, Browser
-from linked_fleet_gateway.fleet.xml import rotation
+from linked_fleet_state.xml import rotation
 from running import eventually
 from scene_client import contents, crate, placement, put_object, put_robot
 from simulated_robots import SimulatedRobot, angle_between, simulated

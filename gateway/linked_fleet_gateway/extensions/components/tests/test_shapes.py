@@ -16,9 +16,9 @@ from linked_fleet_agent.wire.schema import MAX_INTEGER, MAX_NUMBER, Schema, valu
 from linked_fleet_gateway.extensions.components.declarations import CompiledProperty, Input
 from linked_fleet_gateway.extensions.components.places import place_of
 from linked_fleet_gateway.extensions.components.shapes import SH
-from linked_fleet_gateway.rdf.graph import Graph, Node
-from linked_fleet_gateway.rdf.validation import ShaclValidator
-from linked_fleet_gateway.rdf.vocabulary import LDP, LF, MATHS, RDF, XSD
+from linked_fleet_rdf.graph import Graph, Node
+from linked_fleet_rdf.validation import ShaclValidator
+from linked_fleet_rdf.vocabulary import LDP, LF, MATHS, RDF, XSD
 from linked_fleet_shacl import Data
 from linked_fleet_shacl.data import predicate_path, repeated_path
 from properties import examples

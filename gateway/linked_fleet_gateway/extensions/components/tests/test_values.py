@@ -15,8 +15,8 @@ from linked_fleet_agent.wire.schema import Schema, value_problem
 from linked_fleet_gateway.extensions.components.declarations import CompiledProperty, Input
 from linked_fleet_gateway.extensions.components.places import Place, place_of
 from linked_fleet_gateway.extensions.components.values import value_in
-from linked_fleet_gateway.rdf.graph import METRE, UNITLESS, Graph
-from linked_fleet_gateway.rdf.vocabulary import LF, MATHS, RDF, VOM, XSD
+from linked_fleet_rdf.graph import METRE, UNITLESS, Graph
+from linked_fleet_rdf.vocabulary import LF, MATHS, RDF, VOM, XSD
 from linked_fleet_shacl import Data
 from properties import examples
 

@@ -9,7 +9,7 @@ from linked_fleet_agent.planar import DriveLimits, Pose
 from linked_fleet_agent.wire.kinds import KINDS, LF
 from linked_fleet_gateway.extensions.components.bases import way_of
 from linked_fleet_gateway.extensions.components.state import ComponentState
-from linked_fleet_gateway.fleet.driving import FollowedPath
+from linked_fleet_state.driving import FollowedPath
 
 EAST = {"name": "east", "x": 1.0, "y": 2.0, "heading": 0.0, "approach": 0.4}
 WEST = EAST | {"name": "west", "x": -1.0}

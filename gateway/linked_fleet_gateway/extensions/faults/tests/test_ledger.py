@@ -7,8 +7,8 @@ from typing import Any, cast
 
 import pytest
 
+from linked_fleet_base.errors import ContainerFull, RedisUnavailable
 from linked_fleet_gateway.api import Table
-from linked_fleet_gateway.base.errors import ContainerFull, RedisUnavailable
 from linked_fleet_gateway.extensions.faults import ledger as module
 from linked_fleet_gateway.extensions.faults.fault import Fault, Trouble
 from linked_fleet_gateway.extensions.faults.ledger import COUNTS_S, MOST_WRITES, Ledger

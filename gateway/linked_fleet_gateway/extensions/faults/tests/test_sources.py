@@ -21,8 +21,8 @@ from linked_fleet_gateway.extensions.faults.robots import (
     reader_of,
     telling_events,
 )
-from linked_fleet_gateway.fleet.events import Conditioned, Framed, Vanished
-from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState
+from linked_fleet_state.events import Conditioned, Framed, Vanished
+from linked_fleet_state.invocation import FLEET, Invocation, InvocationState
 
 S = 10**9
 

@@ -5,10 +5,10 @@ from typing import Any, cast
 
 import pytest
 
-from linked_fleet_gateway.base.faults import Faults
+from linked_fleet_base.faults import Faults
 from linked_fleet_gateway.extensions.foxglove import catalogue
 from linked_fleet_gateway.extensions.foxglove.catalogue import Catalogue
-from linked_fleet_gateway.identity.rights import EVERYBODY
+from linked_fleet_identity.rights import EVERYBODY
 from mirrored_fleet import MirroredFleet
 
 

@@ -18,7 +18,7 @@ from floor_maps import FREE, UNKNOWN, WALL, pgm, upload, yaml
 from foxglove_client import Client, connected
 from linked_fleet_gateway.extensions.foxglove import messages
 from linked_fleet_gateway.extensions.foxglove.protocol import SUBPROTOCOLS
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_rdf.vocabulary import PREFIXES
 from linked_fleet_server.connection_limits import HIGH_WATER_BYTES, STALL_S
 from small_fleet import Place, live
 from virtual.client import WebSocket

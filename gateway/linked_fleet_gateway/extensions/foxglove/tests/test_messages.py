@@ -16,9 +16,9 @@ from linked_fleet_agent.wire.messages import Base, State
 from linked_fleet_gateway.extensions.foxglove import messages
 from linked_fleet_gateway.extensions.foxglove.messages import LATEST_NS
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Held, Kind, SceneObject, Sphere, TriangleMesh
-from linked_fleet_gateway.fleet.events import Described, Framed
-from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.events import Described, Framed
+from linked_fleet_state.invocation import Invocation, InvocationState
+from linked_fleet_state.model import Pose
 
 _JOINTS = {
     "pan": ("revolute", '<origin xyz="0 0 1"/><limit lower="-2" upper="2" velocity="1" effort="1"/>'),

@@ -22,7 +22,7 @@ from linked_fleet_gateway.extensions.history.shelf import HELD_NS
 from linked_fleet_gateway.extensions.history.span import Span
 from linked_fleet_gateway.extensions.history.thinning import STILL_NS, Thinning, gap_after, is_gap
 from linked_fleet_gateway.extensions.history.track import LATEST_NS, Excerpt, Joints, wall_ns
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_state.model import RobotModel
 
 S = 1_000_000_000
 HOUR = 3600 * S

@@ -11,12 +11,12 @@ from linked_fleet_gateway.extensions.history.resources import _is_short
 from linked_fleet_gateway.extensions.history.span import Span, parse_span
 from linked_fleet_gateway.extensions.history.tests.test_track import S, frame, track
 from linked_fleet_gateway.extensions.history.track import Series, joint_series, link_series
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import render
-from linked_fleet_gateway.rdf.vocabulary import LF, PREFIXES
 from linked_fleet_gateway.resources.property import Property
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.templates import Templates
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import render
+from linked_fleet_rdf.vocabulary import LF, PREFIXES
 
 _BASE = "http://example.org:8000"
 _TYPES = ("text/turtle", "application/ld+json")

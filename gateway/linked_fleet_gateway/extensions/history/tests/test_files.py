@@ -17,8 +17,8 @@ from linked_fleet_gateway.extensions.history.ground import Ground
 from linked_fleet_gateway.extensions.history.track import Excerpt, Joints, all_columns, samples
 from linked_fleet_gateway.extensions.world.floor_map import MapSettings
 from linked_fleet_gateway.extensions.world.map_image import build_map
-from linked_fleet_gateway.fleet.model import Pose, RobotModel
-from linked_fleet_gateway.rdf.graph import NEWTON_METRE, RADIAN
+from linked_fleet_rdf.graph import NEWTON_METRE, RADIAN
+from linked_fleet_state.model import Pose, RobotModel
 
 S = 1_000_000_000
 ODD = 'arm 2/"left",é'

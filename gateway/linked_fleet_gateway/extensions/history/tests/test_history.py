@@ -24,7 +24,7 @@ from linked_fleet_agent.wire.codec import decode_state
 from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.extensions.history import recorder
 from linked_fleet_gateway.extensions.history.span import lexical_time
-from linked_fleet_gateway.fleet.events import Payload
+from linked_fleet_state.events import Payload
 from parallel import at_once
 from running import eventually
 from scene_client import put_robot

@@ -13,9 +13,9 @@ from linked_fleet_gateway.extensions.history import recorder
 from linked_fleet_gateway.extensions.history.recorder import History
 from linked_fleet_gateway.extensions.history.thinning import gap_after, spaced
 from linked_fleet_gateway.extensions.history.track import wall_ns
-from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.fleet import Appeared, Described, Fleet, Framed, Vanished
-from linked_fleet_gateway.runtime import background
+from linked_fleet_runtime import background
+from linked_fleet_state.events import Frames
+from linked_fleet_state.fleet import Appeared, Described, Fleet, Framed, Vanished
 
 S = 1_000_000_000
 JOINTS = tuple(f"j{number}" for number in range(3))

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.base.errors import BadRequest
+from linked_fleet_base.errors import BadRequest
 from linked_fleet_gateway.extensions.history.span import MOST, Span, lexical_time, parse_span, query
 
 S = 1_000_000_000

@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from linked_fleet_agent.wire.codec import encode_state
 from linked_fleet_agent.wire.messages import State
 from linked_fleet_gateway.extensions.history.track import Joints, Track, wall_ns
-from linked_fleet_gateway.fleet.events import Latest
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_state.events import Latest
+from linked_fleet_state.model import RobotModel
 
 S = 1_000_000_000
 URDF = """<robot name='r'><link name='a'/><link name='b'/>

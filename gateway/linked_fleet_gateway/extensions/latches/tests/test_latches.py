@@ -17,8 +17,8 @@ from gateway_group import Gateway
 from linked_fleet_gateway.api import Core, Invocation, Motion, Table
 from linked_fleet_gateway.extensions.latches.extension import Latches, StopLatched, _Guard, _heard
 from linked_fleet_gateway.extensions.latches.latch import Latch
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.identity.rights import ALL as ALL_ROBOTS
+from linked_fleet_identity.rights import ALL as ALL_ROBOTS
+from linked_fleet_state.invocations import Invocations
 from parallel import at_once
 from redis_servers import Servers
 from running import eventually

@@ -6,11 +6,11 @@ from typing import Any
 import pytest
 
 from linked_fleet_gateway.extensions.mcp.read_tools import Find
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.identity.rights import ALL, EVERYBODY
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.runtime import background
+from linked_fleet_identity.rights import ALL, EVERYBODY
+from linked_fleet_runtime import background
+from linked_fleet_state.invocations import Invocations
 
 JOINTS = {"pan": ("continuous", ""), "tilt": ("continuous", "")}
 

@@ -7,7 +7,7 @@ import pytest
 
 from linked_fleet_agent.robots.catalogue import MODELS, data_folder, urdf_of
 from linked_fleet_gateway.extensions.models.geometry import urdf_with_mesh_addresses
-from linked_fleet_gateway.fleet.model import ModelError, RobotModel
+from linked_fleet_state.model import ModelError, RobotModel
 
 ADDRESSES = {"package://p/a.stl": "/r/meshes/aa.stl", "b.dae": "/r/meshes/bb.dae"}
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from linked_fleet_gateway.extensions.world.surfaces import read_mesh
-from linked_fleet_gateway.fleet.xml import ModelError
+from linked_fleet_state.xml import ModelError
 from mesh_package import BAR, collada, glb
 from meshes import stl
 

@@ -6,12 +6,12 @@ import hashlib
 import pytest
 
 from linked_fleet_agent.wire.messages import Mesh
-from linked_fleet_gateway.base.errors import AgentTimeout, Busy, Offline
+from linked_fleet_base.errors import AgentTimeout, Busy, Offline
 from linked_fleet_gateway.extensions.models import meshes
 from linked_fleet_gateway.extensions.models.meshes import Meshes
-from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.link.fleet_link import NoAnswer
+from linked_fleet_link.fleet_link import NoAnswer
+from linked_fleet_state.events import Frames
+from linked_fleet_state.robot import Robot
 
 
 def _mesh(content: bytes) -> Mesh:

@@ -12,7 +12,7 @@ import pytest
 import trimesh
 
 from linked_fleet_agent.wire.messages import Mesh
-from linked_fleet_gateway.base.errors import Busy, Offline
+from linked_fleet_base.errors import Busy, Offline
 from linked_fleet_gateway.extensions.models import simplified
 from linked_fleet_gateway.extensions.models.meshes import Meshes
 from linked_fleet_gateway.extensions.models.simplified import SimplifiedMeshes
@@ -23,8 +23,8 @@ from linked_fleet_gateway.extensions.models.simplify_messages import (
     Simplify,
     SimplifyFailed,
 )
-from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.events import Frames
+from linked_fleet_state.robot import Robot
 from mesh_package import BAR, collada, glb
 from meshes import Triangle, stl
 

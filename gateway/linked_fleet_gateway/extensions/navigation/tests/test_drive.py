@@ -5,7 +5,7 @@ import pytest
 from linked_fleet_gateway.extensions.navigation.drive import ended
 from linked_fleet_gateway.extensions.navigation.trips import Ended
 from linked_fleet_gateway.extensions.world.path_watch import AHEAD
-from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
+from linked_fleet_state.invocation import Invocation, InvocationState
 
 
 def run(state: InvocationState, reason: str) -> Invocation:

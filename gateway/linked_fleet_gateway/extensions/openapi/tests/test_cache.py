@@ -10,11 +10,11 @@ from linked_fleet_agent.wire.components import read_declarations
 from linked_fleet_gateway.extensions.components.part import parts_from
 from linked_fleet_gateway.extensions.components.state import RobotState
 from linked_fleet_gateway.extensions.openapi.extension import Documents
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.identity.rights import ALL
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.branches import RequestView
-from linked_fleet_gateway.runtime import background
+from linked_fleet_identity.rights import ALL
+from linked_fleet_runtime import background
+from linked_fleet_state.invocations import Invocations
 
 PAN, TILT = {"pan": ("continuous", "")}, {"tilt": ("continuous", "")}
 

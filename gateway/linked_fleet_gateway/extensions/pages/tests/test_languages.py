@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.pages.help import help_of
 from linked_fleet_gateway.extensions.pages.languages import chosen_language, known, say, speaking
 from linked_fleet_gateway.extensions.pages.templating import messages_of, with_calls
 from linked_fleet_gateway.extensions.pages.views import added_views
-from linked_fleet_gateway.rdf.vocabulary import RDFS
+from linked_fleet_rdf.vocabulary import RDFS
 from outside_catalogue import MARKED, outside
 from plain_words import texts
 from running import ROOT

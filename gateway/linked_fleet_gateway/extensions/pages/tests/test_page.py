@@ -4,16 +4,16 @@ import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 
 from dom import parsed
-from linked_fleet_gateway.base import errors
+from linked_fleet_base import errors
 from linked_fleet_gateway.extensions.pages import texts
 from linked_fleet_gateway.extensions.pages.extension import Pages
 from linked_fleet_gateway.extensions.pages.page import write
 from linked_fleet_gateway.http.problem import problem
 from linked_fleet_gateway.http.representation import FORMATS
-from linked_fleet_gateway.rdf.serialise import parse
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDF, RDFS, UNIT, VOM, XSD
 from linked_fleet_gateway.resources.html import PageContext, Reader
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_rdf.serialise import parse
+from linked_fleet_rdf.vocabulary import DCTERMS, HYBRIT, LF, MATHS, QUDT, RDF, RDFS, UNIT, VOM, XSD
 
 BASE = "http://example.org"
 HERE = NamedNode(BASE + "/r/")

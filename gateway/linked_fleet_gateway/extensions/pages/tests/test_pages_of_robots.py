@@ -10,8 +10,8 @@ from pyoxigraph import BlankNode, Literal, NamedNode, Triple
 from browser import DCTERMS, HYBRIT, LDP, LF, ROS, Browser
 from dom import Element, parsed
 from linked_fleet_gateway.extensions.things.td import TD
-from linked_fleet_gateway.rdf.serialise import JELLY, parse
-from linked_fleet_gateway.rdf.vocabulary import LF as OUR_TERMS
+from linked_fleet_rdf.serialise import JELLY, parse
+from linked_fleet_rdf.vocabulary import LF as OUR_TERMS
 
 pytestmark = pytest.mark.virtual
 

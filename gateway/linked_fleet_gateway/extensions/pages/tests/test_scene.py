@@ -13,8 +13,8 @@ from playwright.sync_api import Page, expect
 from browser import LF, MATHS, Browser
 from commands import PREFIXES
 from fake_robots import FakeRobot, joint, link, open_session, robot
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_state.kinematics import ORIGIN, LinkPoses
+from linked_fleet_state.model import RobotModel
 from running import Process, eventually, process
 from small_fleet import Place, live
 

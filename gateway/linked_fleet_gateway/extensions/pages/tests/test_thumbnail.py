@@ -9,11 +9,11 @@ from pyoxigraph import Literal
 
 from linked_fleet_gateway.extensions.pages.branches import THUMBNAILS
 from linked_fleet_gateway.extensions.pages.thumbnail import HEIGHT, SVG, WIDTH, drawing
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.annotations import read_charge
 from linked_fleet_gateway.resources.branches import Branches
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_state.invocations import Invocations
 
 _ARM = {f"j{number}": ("revolute", '<origin xyz="0 0 0.3" rpy="1 0 0"/>') for number in range(3)}
 NS = "http://www.w3.org/2000/svg"

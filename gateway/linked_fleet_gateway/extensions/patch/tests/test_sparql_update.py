@@ -3,7 +3,7 @@
 import pytest
 from pyoxigraph import CanonicalizationAlgorithm, Dataset, Quad, RdfFormat, Store, Triple, parse
 
-from linked_fleet_gateway.base.errors import BadRequest, FleetError, PayloadTooLarge, UnprocessableContent
+from linked_fleet_base.errors import BadRequest, FleetError, PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.extensions.patch.sparql_update import MAX_OPERATIONS, MAX_STEPS, apply_update, parse_update
 
 _BASE = "http://fleet.example/r/title"

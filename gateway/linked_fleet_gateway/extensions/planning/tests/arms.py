@@ -8,7 +8,7 @@ from linked_fleet_gateway.extensions.world.messages import Check, MotionPath, Pa
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.scene import Box, Geometry
 from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 JOINTS = ("shoulder", "elbow", "wrist")
 LENGTH_M = 0.4

@@ -27,7 +27,7 @@ from linked_fleet_gateway.extensions.planning.timing import Timed, curve_places
 from linked_fleet_gateway.extensions.world.messages import Check, MotionPath, PathSegment, Placement, Positions
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.shapes import build_robot
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 UPRIGHT_RAD, WIDE_RAD = math.radians(15), math.radians(25)
 TURNED = Pose((0.3, -0.2, 0.1), (0.0, 0.0, math.sin(0.4), math.cos(0.4)))

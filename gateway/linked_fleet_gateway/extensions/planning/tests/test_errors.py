@@ -2,7 +2,7 @@
 
 import pytest
 
-from linked_fleet_gateway.base.errors import MotionRefused
+from linked_fleet_base.errors import MotionRefused
 from linked_fleet_gateway.extensions.planning.errors import (
     BreaksConstraint,
     GoalBlocked,

@@ -25,7 +25,7 @@ from linked_fleet_gateway.extensions.world.messages import Answer, CollisionFoun
 from linked_fleet_gateway.extensions.world.questions import legs_through, waypoint_velocities
 from linked_fleet_gateway.extensions.world.scene import Box
 from linked_fleet_gateway.extensions.world.shapes import build_object_shape
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 POST = Room(post=wall(0.8, 0.5))
 TURNED = joints(CORNER, 0.0, 0.0)

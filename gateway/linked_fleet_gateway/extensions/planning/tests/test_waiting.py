@@ -11,9 +11,9 @@ from linked_fleet_agent.wire.messages import Move
 from linked_fleet_gateway.extensions.planning.waiting import _CURVE_SHARE
 from linked_fleet_gateway.extensions.world.course import course_of
 from linked_fleet_gateway.extensions.world.questions import paths_of
-from linked_fleet_gateway.fleet.events import Frames
-from linked_fleet_gateway.fleet.model import RobotModel
-from linked_fleet_gateway.fleet.robot import Robot
+from linked_fleet_state.events import Frames
+from linked_fleet_state.model import RobotModel
+from linked_fleet_state.robot import Robot
 
 LIMITS = Limits(-3.0, 3.0, 2.0, 10.0)
 URDF = """<robot name="arm"><link name="foot"/><link name="rod"/><link name="hand"/>

@@ -11,10 +11,10 @@ from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
 from linked_fleet_gateway.extensions.reach import inverse_kinematics as reach
 from linked_fleet_gateway.extensions.reach.can_reach import LF, CanReach
-from linked_fleet_gateway.fleet import joint_chain
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
-from linked_fleet_gateway.fleet.fleet import Fleet
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_state import joint_chain
+from linked_fleet_state.events import Appeared, Described, Framed
+from linked_fleet_state.fleet import Fleet
+from linked_fleet_state.model import RobotModel
 
 BASE = "http://fleet.example"
 BAXTER = Path(site.getsitepackages()[0]) / "cmeel.prefix/share/example-robot-data/robots/baxter_description/urdf"

@@ -12,7 +12,7 @@ from linked_fleet_agent.wire.components import COMPONENTS_VERSION, Measured, Occ
 from linked_fleet_gateway.extensions.components.part import parts_from
 from linked_fleet_gateway.extensions.components.state import RobotState
 from linked_fleet_gateway.extensions.query.rdf_mirror import RdfMirror
-from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
+from linked_fleet_state.invocation import Invocation, InvocationState
 from mirrored_fleet import MirroredFleet
 from mirrored_graphs import BASE, canonical, held, served
 from running import eventually

@@ -7,7 +7,7 @@ import pytest
 
 from linked_fleet_gateway.extensions.query.messages import News, QueryRequest
 from linked_fleet_gateway.extensions.query.process import Feed, QueryProcess
-from linked_fleet_gateway.fleet.fleet import Fleet
+from linked_fleet_state.fleet import Fleet
 
 pytestmark = pytest.mark.processes
 _LONG_S = 3600.0

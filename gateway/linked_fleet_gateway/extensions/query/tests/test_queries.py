@@ -12,20 +12,20 @@ import msgspec
 import pytest
 from pyoxigraph import Literal, NamedNode, Triple
 
+from linked_fleet_base.contributions import set_present
+from linked_fleet_base.errors import BadRequest, FleetError
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.extensions import BUILT_IN, contributions_of
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.base.contributions import set_present
-from linked_fleet_gateway.base.errors import BadRequest, FleetError
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.query.service import Queries, Term
 from linked_fleet_gateway.extensions.query.turns import QueryTooCostly, ResultTooLarge
-from linked_fleet_gateway.fleet.invocation import Invocation
-from linked_fleet_gateway.fleet.kinematics import ORIGIN
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.identity.rights import ALL, View
 from linked_fleet_gateway.resources.branches import FleetBranch, RequestView
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_identity.rights import ALL, View
+from linked_fleet_state.invocation import Invocation
+from linked_fleet_state.kinematics import ORIGIN
+from linked_fleet_state.model import Pose
 from mirrored_fleet import MirroredFleet
 from running import eventually
 from virtual.loop import VirtualLoop, current

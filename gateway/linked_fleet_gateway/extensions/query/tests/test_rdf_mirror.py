@@ -6,10 +6,10 @@ import pytest
 
 from linked_fleet_agent.wire.messages import Base
 from linked_fleet_gateway.extensions.query.rdf_mirror import RdfMirror
-from linked_fleet_gateway.fleet.invocation import Lease
-from linked_fleet_gateway.fleet.invocations import Invocation, InvocationState
-from linked_fleet_gateway.fleet.robot import KeptPose, Robot
-from linked_fleet_gateway.rdf.vocabulary import LF
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_state.invocation import Lease
+from linked_fleet_state.invocations import Invocation, InvocationState
+from linked_fleet_state.robot import KeptPose, Robot
 from mirrored_fleet import MirroredFleet
 from mirrored_graphs import BASE, canonical, held, served
 

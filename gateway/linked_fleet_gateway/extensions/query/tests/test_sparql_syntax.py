@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from linked_fleet_gateway.base.errors import BadRequest, FleetError, PayloadTooLarge
+from linked_fleet_base.errors import BadRequest, FleetError, PayloadTooLarge
 from linked_fleet_gateway.extensions.query.sparql_syntax import Dataset, check_select, parse_query
-from linked_fleet_gateway.rdf.sparql_tokens import MAX_DEPTH, MAX_QUERY_BYTES
+from linked_fleet_rdf.sparql_tokens import MAX_DEPTH, MAX_QUERY_BYTES
 
 BASE = "http://fleet.example/query"
 

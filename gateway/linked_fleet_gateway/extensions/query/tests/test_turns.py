@@ -4,7 +4,7 @@ import asyncio
 
 import pytest
 
-from linked_fleet_gateway.base.errors import Busy, FleetError
+from linked_fleet_base.errors import Busy, FleetError
 from linked_fleet_gateway.extensions.query.turns import AT_ONCE, MAX_OF_CLIENT, MAX_WAITING, FairTurns, TooManyQueries
 
 

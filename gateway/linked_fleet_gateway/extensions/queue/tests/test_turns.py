@@ -22,7 +22,7 @@ from linked_fleet_gateway.extensions.queue.ranks import (
 )
 from linked_fleet_gateway.extensions.queue.robots import Abilities, Robots
 from linked_fleet_gateway.extensions.queue.turns import Need, decide
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 

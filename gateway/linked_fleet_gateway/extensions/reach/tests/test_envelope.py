@@ -8,8 +8,8 @@ from pathlib import Path
 import pytest
 
 from linked_fleet_gateway.extensions.reach.envelope import envelope
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses
-from linked_fleet_gateway.fleet.model import Joint, JointKind, RobotModel
+from linked_fleet_state.kinematics import ORIGIN, LinkPoses
+from linked_fleet_state.model import Joint, JointKind, RobotModel
 
 ROBOTS = Path(site.getsitepackages()[0]) / "cmeel.prefix/share/example-robot-data/robots"
 FILES = [

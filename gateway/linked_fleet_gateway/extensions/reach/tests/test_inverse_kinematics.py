@@ -19,8 +19,8 @@ from linked_fleet_gateway.extensions.reach.inverse_kinematics import (
     Unreachable,
     reach,
 )
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, LinkPoses, base_pose
-from linked_fleet_gateway.fleet.model import ModelError, Pose, RobotModel
+from linked_fleet_state.kinematics import ORIGIN, LinkPoses, base_pose
+from linked_fleet_state.model import ModelError, Pose, RobotModel
 from properties import examples
 
 CASES = [

@@ -29,8 +29,8 @@ from linked_fleet_gateway.extensions.recordings import folder, recorder
 from linked_fleet_gateway.extensions.recordings.occasion import outcome
 from linked_fleet_gateway.extensions.recordings.recorder import MOST_OF_ROBOT, MOST_WAITING, Job, Recorder
 from linked_fleet_gateway.extensions.recordings.resources import TERMS, recordings_branch
-from linked_fleet_gateway.fleet.invocation import FLEET, Invocation, InvocationState
 from linked_fleet_gateway.subscriptions.live import Live
+from linked_fleet_state.invocation import FLEET, Invocation, InvocationState
 from running import eventually
 from small_fleet import Place
 from small_fleet import live as live_page

@@ -5,7 +5,7 @@ import itertools
 from linked_fleet_gateway.extensions.query.messages import HypotheticalRobot
 from linked_fleet_gateway.extensions.rules.causes import KEPT_S, SETTLING_S, Causes, Counterfactual, Look, state_of
 from linked_fleet_gateway.extensions.rules.rule import Firing, FiringState, Rule, RuleRecord
-from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
+from linked_fleet_state.invocation import Invocation, InvocationState
 from mirrored_fleet import MirroredFleet
 
 IDS = map(str, itertools.count())

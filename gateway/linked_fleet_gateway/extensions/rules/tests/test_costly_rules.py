@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.rules.edges import Row
 from linked_fleet_gateway.extensions.rules.engine import Engine, Evaluation
 from linked_fleet_gateway.extensions.rules.pace import LONGEST_PAUSE_S, MOST_FAILURES, Pace
 from linked_fleet_gateway.extensions.rules.rule import Rule, RuleRecord
-from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_identity.rights import ALL
 from virtual.loop import on_virtual_time
 
 LIMIT_S = 5.0

@@ -8,7 +8,7 @@ import pytest
 from linked_fleet_gateway.extensions.query.sparql_syntax import check_select
 from linked_fleet_gateway.extensions.rules import engine, request, service, store, template
 from linked_fleet_gateway.extensions.rules.extension import RuleSettings
-from linked_fleet_gateway.rdf.serialise import parse
+from linked_fleet_rdf.serialise import parse
 
 _PAGE = (Path(__file__).parents[5] / "gateway/linked_fleet_gateway/extensions/rules/README.md").read_text()
 _RULES = [text for text in re.findall(r"```turtle\n(.*?)```", _PAGE, re.S) if "a lf:Rule" in text]

@@ -8,7 +8,7 @@ from linked_fleet_gateway.extensions.query.sparql_syntax import check_select
 from linked_fleet_gateway.extensions.rules import page
 from linked_fleet_gateway.extensions.rules.page import EXAMPLES, Example
 from linked_fleet_gateway.extensions.rules.request import parse_rule
-from linked_fleet_gateway.rdf.serialise import parse
+from linked_fleet_rdf.serialise import parse
 
 ROOT = "http://fleet.example/"
 RULES = NamedNode(ROOT + "rules")

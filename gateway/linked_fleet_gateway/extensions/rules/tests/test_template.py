@@ -3,10 +3,10 @@
 import pytest
 from pyoxigraph import BlankNode, Literal, NamedNode
 
-from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.rules.template import LF, fill, template, triples_of, variables
-from linked_fleet_gateway.rdf.serialise import parse
-from linked_fleet_gateway.rdf.vocabulary import VOM
+from linked_fleet_rdf.serialise import parse
+from linked_fleet_rdf.vocabulary import VOM
 
 _BEGIN = "@prefix lf: <https://w3id.org/linked-fleet#> . @prefix vom: <http://vocab.arvida.de/2015/06/vom/vocab#> .\n"
 _ACTION = NamedNode("http://fleet/arm/joint/actions/rotate")

@@ -8,7 +8,7 @@ import pytest
 from linked_fleet_gateway.extensions.sessions import service
 from linked_fleet_gateway.extensions.sessions.sealed_cookie import TOKEN_SESSION_S, Session, new_session
 from linked_fleet_gateway.extensions.sessions.service import EndedSessions
-from linked_fleet_gateway.identity.rights import TokenHash
+from linked_fleet_identity.rights import TokenHash
 
 _BEGIN_NS = 1_800_000_000 * 10**9
 _LONG_NS = 2 * TOKEN_SESSION_S * 10**9

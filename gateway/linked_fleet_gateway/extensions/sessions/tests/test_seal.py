@@ -15,7 +15,7 @@ from linked_fleet_gateway.extensions.sessions.sealed_cookie import (
     seal_session,
 )
 from linked_fleet_gateway.extensions.sessions.service import read_key
-from linked_fleet_gateway.identity.rights import Claims, TokenHash
+from linked_fleet_identity.rights import Claims, TokenHash
 
 _KEY, _OTHER = b"k" * 32, b"o" * 32
 _LOGIN = PendingLogin("https://id.example", "state", "nonce", "verifier", "/ur5/")

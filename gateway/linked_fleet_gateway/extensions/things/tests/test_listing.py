@@ -10,18 +10,18 @@ from typing import Any
 import pytest
 from starlette.responses import Response
 
-from linked_fleet_gateway.base.errors import BadRequest, FleetError, PreconditionFailed
+from linked_fleet_base.errors import BadRequest, FleetError, PreconditionFailed
 from linked_fleet_gateway.extensions.things import kept_listings
 from linked_fleet_gateway.extensions.things.directory import MOST, Listing
 from linked_fleet_gateway.extensions.things.extension import Directory, _array
-from linked_fleet_gateway.fleet.invocations import Invocations
 from linked_fleet_gateway.http.arrival import create_arrival
 from linked_fleet_gateway.http.representation import Representations
 from linked_fleet_gateway.http.request import Request
-from linked_fleet_gateway.identity.rights import ALL
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.resources.resource import Resource
+from linked_fleet_identity.rights import ALL
+from linked_fleet_state.invocations import Invocations
 from sample_resources import BASE, tree
 
 

@@ -10,14 +10,9 @@ from pyoxigraph import NamedNode, Triple
 
 from linked_fleet_agent.wire.codec import layout
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Description
+from linked_fleet_base.errors import BadRequest, UnprocessableContent
 from linked_fleet_gateway.actions.admission import validate_action_body
-from linked_fleet_gateway.base.errors import BadRequest, UnprocessableContent
 from linked_fleet_gateway.extensions.things.directory import Listing, branches
-from linked_fleet_gateway.fleet.events import Appeared, Described
-from linked_fleet_gateway.fleet.fleet import DESCRIPTION_WAIT_NS, Fleet
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.identity.rights import ALL, View
-from linked_fleet_gateway.rdf.vocabulary import LF, ROS, UNIT, VOM
 from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import Invoke, PutTarget
 from linked_fleet_gateway.resources.branches import NO_BRANCHES
@@ -25,6 +20,11 @@ from linked_fleet_gateway.resources.json_form import form_of_input
 from linked_fleet_gateway.resources.plain_json import parse_json_body
 from linked_fleet_gateway.resources.resource import Resource
 from linked_fleet_gateway.resources.tree import Tree
+from linked_fleet_identity.rights import ALL, View
+from linked_fleet_rdf.vocabulary import LF, ROS, UNIT, VOM
+from linked_fleet_state.events import Appeared, Described
+from linked_fleet_state.fleet import DESCRIPTION_WAIT_NS, Fleet
+from linked_fleet_state.invocations import Invocations
 from wot import conforms, fits
 
 BASE = "http://example.org"

@@ -18,10 +18,10 @@ from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, encode_placement
 from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
-from linked_fleet_gateway.fleet.driving import FollowedPath
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
-from linked_fleet_gateway.fleet.model import Pose as Pose3
-from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_identity.rights import ALL
+from linked_fleet_state.driving import FollowedPath
+from linked_fleet_state.events import Appeared, Described, Framed
+from linked_fleet_state.model import Pose as Pose3
 from virtual.zenoh_network import ZenohNetwork
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

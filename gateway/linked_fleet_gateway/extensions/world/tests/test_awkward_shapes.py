@@ -22,8 +22,8 @@ from linked_fleet_gateway.extensions.world.messages import (
 from linked_fleet_gateway.extensions.world.scene import Box
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache, read_mesh
 from linked_fleet_gateway.extensions.world.worker import Worker
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.xml import ModelError
+from linked_fleet_state.model import Pose
+from linked_fleet_state.xml import ModelError
 from meshes import BOX, Triangle, plate, stl
 
 

@@ -6,15 +6,15 @@ import struct
 import pytest
 from msgspec.structs import replace
 
-from linked_fleet_gateway.base.errors import UnprocessableContent
+from linked_fleet_base.errors import UnprocessableContent
 from linked_fleet_gateway.extensions.world.descriptions import describe_object, read_object
 from linked_fleet_gateway.extensions.world.scene import Box, Cylinder, Geometry, Held, SceneObject, Sphere, TriangleMesh
-from linked_fleet_gateway.fleet.model import Pose
 from linked_fleet_gateway.http.body import BODY_TYPES
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.serialise import parse, render
-from linked_fleet_gateway.rdf.validation import ground_statements
-from linked_fleet_gateway.rdf.vocabulary import PREFIXES
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.serialise import parse, render
+from linked_fleet_rdf.validation import ground_statements
+from linked_fleet_rdf.vocabulary import PREFIXES
+from linked_fleet_state.model import Pose
 
 _BASE = "http://fleet.example"
 _IRI = f"{_BASE}/world/objects/1"

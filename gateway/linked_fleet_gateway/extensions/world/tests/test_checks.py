@@ -29,14 +29,14 @@ from linked_fleet_gateway.extensions.world.map_yaml import read_yaml
 from linked_fleet_gateway.extensions.world.messages import Answer, Prepare, PrepareMesh, Question
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, placement_of
 from linked_fleet_gateway.extensions.world.scene import Box, Held, SceneObject, Sphere
-from linked_fleet_gateway.fleet.events import Appeared, Described, DescriptionRejected, Framed, Vanished
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import Finding, UncheckedLink
-from linked_fleet_gateway.identity.rights import ALL, View
-from linked_fleet_gateway.link.fleet_link import NoAnswer
-from linked_fleet_gateway.runtime.questions import QuestionProcess
-from linked_fleet_gateway.runtime.worker import Worker
+from linked_fleet_identity.rights import ALL, View
+from linked_fleet_link.fleet_link import NoAnswer
+from linked_fleet_runtime.questions import QuestionProcess
+from linked_fleet_runtime.worker import Worker
+from linked_fleet_state.events import Appeared, Described, DescriptionRejected, Framed, Vanished
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.unchecked import Finding, UncheckedLink
 from meshes import channel, stl
 from virtual.zenoh_network import ZenohNetwork
 

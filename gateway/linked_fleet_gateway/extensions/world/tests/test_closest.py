@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.world.messages import (
 from linked_fleet_gateway.extensions.world.questions import legs_through
 from linked_fleet_gateway.extensions.world.scene import Sphere
 from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 LONG_M, RADIUS_M = 1.0, 0.1

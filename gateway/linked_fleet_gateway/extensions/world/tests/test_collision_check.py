@@ -21,7 +21,7 @@ from linked_fleet_gateway.extensions.world.messages import (
 from linked_fleet_gateway.extensions.world.scene import Box, Geometry, Sphere, TriangleMesh, read_stl
 from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot
 from linked_fleet_gateway.extensions.world.surfaces import Array, Surface
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 

@@ -8,12 +8,12 @@ from pyoxigraph import Literal, NamedNode
 from linked_fleet_gateway.extensions.pages.values import Facts
 from linked_fleet_gateway.extensions.world.collisions import COLLISIONS, Collides, Collisions, resolve_collisions
 from linked_fleet_gateway.extensions.world.page import collisions
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.identity.rights import ALL
-from linked_fleet_gateway.rdf.graph import Graph
-from linked_fleet_gateway.rdf.vocabulary import LF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.branches import RequestView
+from linked_fleet_identity.rights import ALL
+from linked_fleet_rdf.graph import Graph
+from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_state.invocations import Invocations
 
 _JOINTS = {"j": ("revolute", "")}
 _REFUSED = Collides(

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from linked_fleet_gateway.extensions.world.relocalise import corrected, heading_of
-from linked_fleet_gateway.fleet.kinematics import ORIGIN, compose
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.kinematics import ORIGIN, compose
+from linked_fleet_state.model import Pose
 
 _METRES, _ANGLES = st.floats(-100, 100), st.floats(-math.pi, math.pi)
 _POSES = st.tuples(

@@ -23,9 +23,9 @@ from linked_fleet_gateway.extensions.world.scene import Box
 from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache, Surface
 from linked_fleet_gateway.extensions.world.worker import Worker
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.unchecked import UncheckedLink
-from linked_fleet_gateway.fleet.xml import ModelError
+from linked_fleet_state.model import Pose
+from linked_fleet_state.unchecked import UncheckedLink
+from linked_fleet_state.xml import ModelError
 from meshes import BOX, read
 
 WHOLE = "<collision><geometry><box size='.1 .1 .1'/></geometry></collision>"

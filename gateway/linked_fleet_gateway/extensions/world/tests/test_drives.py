@@ -21,9 +21,9 @@ from linked_fleet_gateway.extensions.world import checks, nearby
 from linked_fleet_gateway.extensions.world.checks import Checks
 from linked_fleet_gateway.extensions.world.collisions import Collides
 from linked_fleet_gateway.extensions.world.scene import Box, SceneObject
-from linked_fleet_gateway.fleet.driving import REACTION_S, Drive
-from linked_fleet_gateway.fleet.model import Pose as Pose3
-from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_identity.rights import ALL
+from linked_fleet_state.driving import REACTION_S, Drive
+from linked_fleet_state.model import Pose as Pose3
 from virtual.zenoh_network import ZenohNetwork
 
 LIMITS = DriveLimits(linear=1.0, angular=1.5, linear_acceleration=1.0, angular_acceleration=2.0)

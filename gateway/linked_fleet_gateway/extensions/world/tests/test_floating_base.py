@@ -15,12 +15,12 @@ from linked_fleet_gateway.extensions.foxglove import messages as foxglove
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, encode_placement, placement_of, pose_in_world
 from linked_fleet_gateway.extensions.world.questions import base_of
 from linked_fleet_gateway.faces import relative_pose
-from linked_fleet_gateway.fleet.carried import CarriedPose
-from linked_fleet_gateway.fleet.events import Described, Framed
-from linked_fleet_gateway.fleet.kinematics import ORIGIN
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.identity.rights import ALL
+from linked_fleet_identity.rights import ALL
+from linked_fleet_state.carried import CarriedPose
+from linked_fleet_state.events import Described, Framed
+from linked_fleet_state.kinematics import ORIGIN
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
 
 _TURN = math.sqrt(0.5)
 _LEFT = (0.0, 0.0, _TURN, _TURN)

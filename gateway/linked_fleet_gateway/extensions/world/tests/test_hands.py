@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import pytest
 
 from linked_fleet_gateway.extensions.world.hands import hand_around, hands_of, palm_of
-from linked_fleet_gateway.fleet.gripper import Gripper
-from linked_fleet_gateway.fleet.model import RobotModel
+from linked_fleet_state.gripper import Gripper
+from linked_fleet_state.model import RobotModel
 
 CHAIN = ("base", "upper", "lower", "flange")
 

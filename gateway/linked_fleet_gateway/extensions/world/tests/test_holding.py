@@ -11,19 +11,19 @@ from msgspec.structs import replace
 
 from linked_fleet_agent.wire.codec import encode_state, layout
 from linked_fleet_agent.wire.messages import Description, State
+from linked_fleet_base.errors import RedisUnavailable
 from linked_fleet_gateway.app.application import create_live
 from linked_fleet_gateway.app.settings import GatewaySettings
-from linked_fleet_gateway.base.errors import RedisUnavailable
 from linked_fleet_gateway.extensions.world import holding
 from linked_fleet_gateway.extensions.world.collisions import Unchecked
 from linked_fleet_gateway.extensions.world.held import pose_of
 from linked_fleet_gateway.extensions.world.holding import Holding
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT
 from linked_fleet_gateway.extensions.world.scene import Held, SceneObject, Sphere
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed
-from linked_fleet_gateway.fleet.gripper import Gripper
-from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.events import Appeared, Described, Framed
+from linked_fleet_state.gripper import Gripper
+from linked_fleet_state.invocation import Invocation, InvocationState
+from linked_fleet_state.model import Pose
 from virtual.zenoh_network import ZenohNetwork
 
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)

@@ -31,13 +31,13 @@ from linked_fleet_gateway.extensions.world.motion_watch import OFF_TIME, MotionW
 from linked_fleet_gateway.extensions.world.placement import PLACEMENT, encode_placement
 from linked_fleet_gateway.extensions.world.questions import legs_through, paths_of
 from linked_fleet_gateway.extensions.world.schedules import BEHIND_S, EARLY_S, FRESH_S, LATE_S, START_S, Run
-from linked_fleet_gateway.fleet.events import Appeared, Described, Framed, Vanished
-from linked_fleet_gateway.fleet.invocation import Invocation, InvocationState
-from linked_fleet_gateway.fleet.jogging import JointDrive
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.robot import Robot
-from linked_fleet_gateway.fleet.unchecked import Finding
-from linked_fleet_gateway.identity.rights import ALL, View
+from linked_fleet_identity.rights import ALL, View
+from linked_fleet_state.events import Appeared, Described, Framed, Vanished
+from linked_fleet_state.invocation import Invocation, InvocationState
+from linked_fleet_state.jogging import JointDrive
+from linked_fleet_state.model import Pose
+from linked_fleet_state.robot import Robot
+from linked_fleet_state.unchecked import Finding
 from virtual.zenoh_network import ZenohNetwork
 
 URDF = """<robot name="arm"><link name="foot"/>

@@ -18,7 +18,7 @@ from linked_fleet_gateway.extensions.world.messages import (
 from linked_fleet_gateway.extensions.world.robot import Robot
 from linked_fleet_gateway.extensions.world.scene import Box
 from linked_fleet_gateway.extensions.world.shapes import build_object_shape, build_robot
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 BODY = '<collision><origin xyz="0 0 .15"/><geometry><box size=".1 .1 .3"/></geometry></collision>'
 

@@ -24,7 +24,7 @@ from linked_fleet_gateway.extensions.world.path import UnknownPosition
 from linked_fleet_gateway.extensions.world.shapes import build_robot
 from linked_fleet_gateway.extensions.world.surfaces import Array
 from linked_fleet_gateway.extensions.world.surroundings import se3
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 _FOOT = '<link name="foot"/>'
 _ARM = (

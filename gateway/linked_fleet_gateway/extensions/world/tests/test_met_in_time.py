@@ -17,7 +17,7 @@ from linked_fleet_gateway.extensions.world.messages import (
 )
 from linked_fleet_gateway.extensions.world.questions import legs_through
 from linked_fleet_gateway.extensions.world.shapes import build_robot
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 
 ROD = """<robot name="rod"><link name="foot"/><link name="arm"><collision><origin xyz="0.5 0 0"/>
 <geometry><box size="1 .02 .02"/></geometry></collision></link>

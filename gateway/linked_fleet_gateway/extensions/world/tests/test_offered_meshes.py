@@ -26,7 +26,7 @@ from linked_fleet_gateway.extensions.world.messages import (
 from linked_fleet_gateway.extensions.world.scene import Box
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache
 from linked_fleet_gateway.extensions.world.worker import Worker
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 from mesh_package import write
 
 P = "package://p-with-dashes/meshes/"

@@ -11,7 +11,7 @@ from linked_fleet_agent.planar import Pose
 from linked_fleet_gateway.extensions.world.checks import Neighbour
 from linked_fleet_gateway.extensions.world.driving import apart_m
 from linked_fleet_gateway.extensions.world.path_watch import near_ones
-from linked_fleet_gateway.fleet.driving import FollowedPath
+from linked_fleet_state.driving import FollowedPath
 
 HERE = Pose(10.0, 0.0, math.pi / 2)
 AHEAD_1_M = FollowedPath((Pose(10.0, 1.0, math.nan),))

@@ -12,7 +12,7 @@ from authenticated_gateway import AuthenticatedGateway, run_authenticated
 from browser import LF, MATHS, Browser
 from linked_fleet_agent.robots.of_components import RobotOfComponents
 from linked_fleet_agent.wire.messages import Base
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 from running import eventually
 from virtual.processes import serving_robot
 

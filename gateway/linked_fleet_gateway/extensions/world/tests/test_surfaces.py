@@ -19,8 +19,8 @@ from linked_fleet_gateway.extensions.world.messages import (
 )
 from linked_fleet_gateway.extensions.world.shapes import build_robot
 from linked_fleet_gateway.extensions.world.surfaces import read_mesh, winding_number
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.fleet.xml import ModelError
+from linked_fleet_state.model import Pose
+from linked_fleet_state.xml import ModelError
 from meshes import BOX, channel, plate, read, stl
 
 HERE = Pose((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))

@@ -18,13 +18,13 @@ from linked_fleet_gateway.extensions.world.map_yaml import read_yaml
 from linked_fleet_gateway.extensions.world.placement import LF
 from linked_fleet_gateway.extensions.world.scene import SceneObject, Sphere, encode
 from linked_fleet_gateway.extensions.world.service import World
-from linked_fleet_gateway.fleet.invocations import Invocations
-from linked_fleet_gateway.fleet.model import Pose
-from linked_fleet_gateway.identity.rights import ALL
-from linked_fleet_gateway.rdf.vocabulary import DCTERMS, LDP, RDF
 from linked_fleet_gateway.resources.access_filter import InvocationsInView
 from linked_fleet_gateway.resources.branches import RequestView
 from linked_fleet_gateway.serving import Live
+from linked_fleet_identity.rights import ALL
+from linked_fleet_rdf.vocabulary import DCTERMS, LDP, RDF
+from linked_fleet_state.invocations import Invocations
+from linked_fleet_state.model import Pose
 from virtual.zenoh_network import ZenohNetwork
 
 BASE = "http://fleet.test"

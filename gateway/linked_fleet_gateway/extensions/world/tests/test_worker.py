@@ -17,7 +17,7 @@ from linked_fleet_gateway.extensions.world.messages import (
 )
 from linked_fleet_gateway.extensions.world.surfaces import MeshCache
 from linked_fleet_gateway.extensions.world.worker import Worker
-from linked_fleet_gateway.fleet.model import Pose
+from linked_fleet_state.model import Pose
 from meshes import BOX, channel, stl
 
 URIS = {"package://r/u.stl": stl(channel()), "package://r/box.stl": stl(BOX)}

@@ -1,6 +1,7 @@
 // Times as ages, which are updated regularly.
 
 import { localized, say } from "./say.js";
+import { AGREED_MS, now } from "./gateway_clock.js";
 import { adopt } from "./region.js";
 
 const PERIOD_MS = 500;
@@ -15,32 +16,6 @@ const SCALES = [
   [86400, 3600, "h"],
   [Infinity, 86400, "d"],
 ];
-// Below this difference the clocks are considered equal: a Date field has whole seconds.
-const AGREED_MS = 2500;
-const HALF_SECOND_MS = 500;
-const KEPT = 10;
-/** @type {{tookMs: number, skewMs: number}[]} the latest round trips */
-const trips = [];
-let skewMs = 0;
-
-/**
- * Count ages by the gateway's clock, from the Date fields of responses. Of the last ten the fastest is used, whose Date
- * is most certainly in the middle between request and response.
- *
- * @param {Response} response
- * @param {number} sentMs time of the request
- */
-export function agree(response, sentMs) {
-  const theirs = Date.parse(response.headers.get("date") ?? "");
-  if (Number.isNaN(theirs)) return;
-  const now = Date.now();
-  trips.push({ tookMs: now - sentMs, skewMs: (sentMs + now) / 2 - (theirs + HALF_SECOND_MS) });
-  if (trips.length > KEPT) trips.shift();
-  const best = trips.reduce((least, each) => (each.tookMs < least.tookMs ? each : least));
-  // A slower response is less exact: its Date may be of any moment in between.
-  const certainMs = AGREED_MS + best.tookMs / 2;
-  skewMs = Math.abs(best.skewMs) > certainMs ? best.skewMs : 0;
-}
 
 /** @param {number} seconds */
 export function age(seconds) {
@@ -68,7 +43,7 @@ function past(time, agoMs) {
 export function refresh(time) {
   const stamp = Date.parse(time.dateTime);
   if (Number.isNaN(stamp)) return;
-  const ahead = stamp - (Date.now() - skewMs);
+  const ahead = stamp - now();
   const text = ahead > AGREED_MS ? say("in {time}", { time: span(ahead / 1000) }) : past(time, -ahead);
   if (time.title !== time.dateTime) time.title = time.dateTime;
   if (time.textContent !== text) time.textContent = text;

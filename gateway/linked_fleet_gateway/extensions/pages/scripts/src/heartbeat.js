@@ -1,6 +1,6 @@
 // Detects a gateway that hangs: its connections stay open, and scripts cannot see WebSocket pings.
 
-import { agree } from "./age.js";
+import { agree } from "./gateway_clock.js";
 
 const PERIOD_MS = 500;
 const ASK_AFTER_MS = 2000;

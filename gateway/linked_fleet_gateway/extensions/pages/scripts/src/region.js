@@ -1,6 +1,6 @@
 // Fetches sections that may change together with their page, and replaces those that differ.
 
-import { agree } from "./age.js";
+import { agree } from "./gateway_clock.js";
 
 const REGION = "section[data-region][id]";
 const LIVE = "[data-subject][data-path]";
