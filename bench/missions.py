@@ -16,17 +16,19 @@ import httpx
 import msgspec
 import rdflib
 
+from bench.orders import longest_ms
+from bench.scene import cpu_s, pid_of
 from bench.table import Row, bounded, known, markdown, percentile
-from browser import LF
+from browser import LF, Browser
 from linked_fleet_gateway.extensions.missions.mission import Invoke, Mission, Sequence
 from linked_fleet_gateway.extensions.missions.progress import settle, with_step
 from linked_fleet_gateway.extensions.missions.record import Creator, Run
-from running import eventually
+from running import eventually, process
 from small_fleet import Place, live
 
 PROV = rdflib.Namespace("http://www.w3.org/ns/prov#")
 RAD = "http://qudt.org/vocab/unit/RAD"
-STEPS, LARGE, ROUNDS = 60, 100, 50
+STEPS, LARGE, ROUNDS, STARTS = 60, 100, 50, 20
 MOST_START_MS, MOST_STEP_MS = 20.0, 5.0
 
 
@@ -34,6 +36,7 @@ def rows() -> Iterator[Row]:
     yield from _decisions()
     with tempfile.TemporaryDirectory() as folder:
         place = Place(Path(folder))
+        yield from _starts(place)
         with place.gateway() as (_, browser), place.ur5(), httpx.Client(timeout=120) as http:
             live(browser, "ur5")
             action = f"{place.root}ur5/wrist_3_joint/actions/rotate"
@@ -62,6 +65,41 @@ def _decisions() -> Iterator[Row]:
         done = msgspec.structs.replace(half.steps[f"0.{number}"], state="succeeded")
         half, _ = settle(with_step(half, f"0.{number}", done), 1)
     yield known("a step in its middle, processor time", "ms", _cpu_ms(lambda: msgspec.json.encode(settle(half, 1)[0])))
+
+
+def _starts(place: Place) -> Iterator[Row]:
+    """Measure the whole start by HTTP: its checks, leases and records. The run then waits for a person."""
+    with (
+        process("-m", "bench.timed_gateway", *place.command()[2:], "--requests-per-client", "0") as gateway,
+        place.ur5(),
+        httpx.Client(timeout=60) as http,
+    ):
+        gateway.said("serving")
+        live(Browser(place.root), "ur5")
+        for value, bodies in ((0.1, "fixed bodies"), ({"variable": "angle"}, "bodies with a parameter each")):
+            mission = _waiting(http, place.root, value)
+            spent, longest = list[float](), list[float]()
+            for _ in range(STARTS):
+                longest_ms(gateway)
+                before_s = cpu_s(pid_of(gateway))
+                begun = http.post(f"{mission}/actions/run", json={}).raise_for_status().headers["location"]
+                spent.append((cpu_s(pid_of(gateway)) - before_s) * 1000)
+                longest.append(longest_ms(gateway))
+                http.post(f"{begun}/actions/cancel").raise_for_status()
+            name = f"POST that starts a run of {LARGE} steps, {bodies}"
+            yield bounded(f"{name}: processor of the gateway, mean", "ms", sum(spent) / STARTS, MOST_START_MS)
+            yield bounded(f"{name}: longest callback, median", "ms CPU", percentile(longest, 0.5), MOST_STEP_MS)
+
+
+def _waiting(http: httpx.Client, root: str, value: object) -> str:
+    """Write a mission that asks a person before its other steps."""
+    body = {"value": value, "unit": RAD}
+    step = {"type": "invoke", "action": f"{root}ur5/wrist_3_joint/actions/rotate", "body": body}
+    parameter = {"name": "angle", "type": "number", "minimum": 0, "maximum": 1, "default": 0.2}
+    steps = [{"type": "confirm", "text": "Go on?"}, *[step] * LARGE]
+    said = {"title": "large", "parameters": [parameter], "step": {"type": "sequence", "steps": steps}}
+    written: str = http.post(f"{root}missions", json=said).raise_for_status().headers["location"]
+    return written
 
 
 def _cpu_ms(work: Any) -> float:

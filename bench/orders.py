@@ -38,22 +38,22 @@ def rows(seconds: float = 30.0, waiting: int = WAITING, running: int = RUNNING) 
                 idle = _share(gateway, seconds / 3)
                 _fill(http, place.root, robots, waiting + 7 * running)
                 eventually(lambda: _count(http, place.root, "running") >= running * 0.9, "the first orders run")
-                _longest_ms(gateway)
-                share, longest_ms = _share(gateway, seconds), _longest_ms(gateway)
+                longest_ms(gateway)
+                share, held_ms = _share(gateway, seconds), longest_ms(gateway)
                 name = f"{_count(http, place.root, 'waiting'):.0f} orders wait, {running} run"
                 yield known("the gateway without orders", "cores", idle)
                 yield bounded(f"{name}: processor of the gateway", "cores", share, MOST_SHARE)
-                yield bounded(f"{name}: longest callback of the event loop", "ms CPU", longest_ms, MOST_CALLBACK_MS)
+                yield bounded(f"{name}: longest callback of the event loop", "ms CPU", held_ms, MOST_CALLBACK_MS)
                 yield from _readings(gateway, http, place.root)
 
 
 def _readings(gateway: Process, http: httpx.Client, root: str) -> Iterator[Row]:
     for form in ("text/turtle", "text/html"):
-        _longest_ms(gateway)
+        longest_ms(gateway)
         begun_s = time.perf_counter()
         http.get(root + "queue", headers={"accept": form}, timeout=60).raise_for_status()
         took_ms = (time.perf_counter() - begun_s) * 1e3
-        yield known(f"GET of the queue as {form}: longest callback", "ms CPU", _longest_ms(gateway))
+        yield known(f"GET of the queue as {form}: longest callback", "ms CPU", longest_ms(gateway))
         yield known(f"GET of the queue as {form}", "ms", took_ms)
 
 
@@ -91,7 +91,7 @@ def _share(gateway: Process, seconds: float) -> float:
     return (cpu_s(pid_of(gateway)) - spent_s) / (time.monotonic() - begun_s)
 
 
-def _longest_ms(gateway: Process) -> float:
+def longest_ms(gateway: Process) -> float:
     """Return the longest callback since the last call."""
     said = gateway.output.count(SAID)
     os.kill(pid_of(gateway), signal.SIGUSR1)

@@ -90,10 +90,12 @@ class Arm:
         assert said["state"] == f"{TERMS}succeeded", said
         return said
 
-    def reach(self, x: float, y: float, z: float, path: str = "", prefer: str = "dry-run") -> httpx.Response:
+    def body_of_reach(self, x: float, y: float, z: float, path: str = "") -> dict[str, Any]:
         place = {"x": x, "y": y, "z": z, "unit": f"{UNITS}M"}
-        body = {"link": f"{self.root}panda_hand", "position": place} | ({"path": TERMS + path} if path else {})
-        return self.post("reach", body, prefer)
+        return {"link": f"{self.root}panda_hand", "position": place} | ({"path": TERMS + path} if path else {})
+
+    def reach(self, x: float, y: float, z: float, path: str = "", prefer: str = "dry-run") -> httpx.Response:
+        return self.post("reach", self.body_of_reach(x, y, z, path), prefer)
 
 
 def test_a_crate_in_the_way_is_passed(panda: Arm) -> None:
@@ -125,6 +127,33 @@ def test_a_rehearsal_shows_the_path(panda: Arm) -> None:
     assert {each["joint"]: each["value"] for each in said["waypoint"][-1]["target"]} == pytest.approx(
         {f"{panda.root}panda_joint{n}": value for n, value in BESIDE.items()}, abs=1e-5
     )
+
+
+def test_the_rehearsal_of_a_mission_shows_the_path_of_each_step(panda: Arm) -> None:
+    def step(action: str, body: dict[str, Any]) -> dict[str, Any]:
+        return {"type": "invoke", "action": f"{panda.root}actions/{action}", "body": body}
+
+    steps = [
+        step("moveJoints", panda.body(BESIDE, "Planned")),
+        step("moveJoints", panda.body(HOME, "Planned")),
+        step("moveJoints", panda.body({1: -0.5})),
+        step("moveJoints", panda.body(HOME)),
+        step("reach", panda.body_of_reach(0.45, -0.2, 0.5, "Straight")),
+    ]
+    said = {"title": "to and fro", "step": {"type": "sequence", "steps": steps}}
+    fields = {"prefer": "dry-run, return=representation", "accept": "application/json"}
+    answer = panda.browser.http.post(f"{panda.browser.root}missions", json=said, headers=fields)
+    assert answer.status_code == 200, answer.text
+    there, back, direct, _, straight = answer.json()["steps"]
+    assert all(each["plannedBecause"].startswith("on the direct path ") for each in (there, back))
+    assert straight["plannedBecause"] == "a straight line was asked for" and len(straight["waypoint"]) >= 2
+    assert direct["waypoint"] == [] and "plannedBecause" not in direct
+    for each, end in ((there, BESIDE), (back, HOME)):
+        times = [place["atTime"] for place in each["waypoint"]]
+        assert 10 <= len(times) <= 40 and times == sorted(times)
+        assert times[-1] == pytest.approx(each["duration"]["value"], abs=0.01)
+        last = [place["value"] for place in each["waypoint"][-1]["target"]]
+        assert last == pytest.approx(list(end.values()), abs=1e-5)
 
 
 def test_a_rehearsal_says_where_the_robot_comes_closest_to_what(panda: Arm) -> None:

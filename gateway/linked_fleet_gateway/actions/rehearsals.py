@@ -6,7 +6,7 @@ import uuid
 from collections.abc import Awaitable, Callable, Mapping
 from dataclasses import dataclass, field, replace
 
-from pyoxigraph import NamedNode
+from pyoxigraph import Literal, NamedNode
 
 from linked_fleet_agent.wire.messages import WIRE_VERSION, Accepted, Follow, Move, Refused, Stop
 from linked_fleet_base.errors import AgentTimeout, Changed, Conflict
@@ -18,10 +18,12 @@ from linked_fleet_gateway.actions.plan import Act, Caller, Halt, Motion, build_c
 from linked_fleet_gateway.actions.refusals import StallDetector, agent_refusal, required_lease_id
 from linked_fleet_gateway.actions.stop_delivery import ANSWER_TIMEOUT_S
 from linked_fleet_gateway.resources.action_offer import Offer
+from linked_fleet_gateway.resources.invocation import describe_path
 from linked_fleet_gateway.subscriptions.live import Live
 from linked_fleet_identity.rights import View
 from linked_fleet_link.fleet_link import NoAnswer
 from linked_fleet_rdf.graph import Graph, Node
+from linked_fleet_rdf.vocabulary import LF
 from linked_fleet_state.closest import Closest
 from linked_fleet_state.invocations import FLEET
 from linked_fleet_state.kept_plan import KeptPlan
@@ -55,6 +57,13 @@ class Rehearsal:
     things: tuple[tuple[NamedNode, str], ...] = ()
     after: Robot | None = None
     describe: Callable[[Graph, Node], None] = describe_nothing
+
+    def describe_path(self, graph: Graph, node: Node, base: str, most: int) -> None:
+        """Add a path that was planned, with at most so many waypoints, and why it is not the direct one."""
+        if self.path is None or self.after is None:
+            return
+        graph.add(node, LF.plannedBecause, Literal(self.detour))
+        describe_path(graph, node, base, self.after, self.path, most)
 
 
 class Rehearsals:

@@ -155,7 +155,7 @@ def describe_rehearsal(
     if robot is not None:
         describe_positions(graph, iri, LF.target, base, robot, targets)
         if path is not None:
-            _describe_path(graph, iri, base, robot, path)
+            describe_path(graph, iri, base, robot, path)
 
 
 def _describe_closest(graph: Graph, iri: Node, base: str, closest: Closest) -> None:
@@ -172,9 +172,9 @@ def _describe_closest(graph: Graph, iri: Node, base: str, closest: Closest) -> N
         graph.vector(node, LF.position, closest.point, METRE)
 
 
-def _describe_path(graph: Graph, iri: Node, base: str, robot: Robot, path: Follow) -> None:
+def describe_path(graph: Graph, iri: Node, base: str, robot: Robot, path: Follow, most: int = MOST_WAYPOINTS) -> None:
     """Add evenly chosen waypoints of a path, with its end."""
-    step = math.ceil(len(path.times_s) / MOST_WAYPOINTS)
+    step = math.ceil(len(path.times_s) / min(most, MOST_WAYPOINTS))
     for time_s, row in list(zip(path.times_s, path.positions, strict=True))[::-1][::step][::-1]:
         node = graph.blank()
         graph.add(iri, LF.waypoint, node)

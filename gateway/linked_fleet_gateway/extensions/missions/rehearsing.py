@@ -3,7 +3,7 @@
 import asyncio
 import math
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import NamedTuple
 
@@ -34,6 +34,8 @@ from linked_fleet_state.robot import Robot
 
 MOST_S, MOST_STEPS = 20.0, 1000
 """The time for all steps of a mission, and how many are looked at, those of its missions and of repeats included."""
+MOST_PLACES = 100
+"""The waypoints of all planned paths that a rehearsal shows. Many paths have fewer of them each, with their ends."""
 
 Places = Mapping[str, Mapping[str, float] | None]
 """By robot the joints that steps have moved, with their positions (rad or m); None if where it is then is unknown."""
@@ -50,6 +52,8 @@ class Rehearsed(NamedTuple):
     robot: str = ""
     moved: Mapping[str, float] = {}
     """The joints of the robot that this step and those before have moved, with their positions then (rad or m)."""
+    describe_path: Callable[[Graph, Node, str, int], None] | None = None
+    """Adds the path that was planned: to a node, below a base, with so many waypoints at most."""
 
 
 class _End(NamedTuple):
@@ -83,6 +87,7 @@ class Rehearsing:
 
     def describe(self, graph: Graph, node: Node) -> None:
         """Add what was found about each step."""
+        most = max(2, MOST_PLACES // max(sum(each.describe_path is not None for each in self.found), 1))
         for each in self.found:
             step = graph.blank(LF.StepRehearsal)
             graph.add(node, LF.stepRehearsal, step)
@@ -95,6 +100,8 @@ class Rehearsing:
             graph.scalar(step, LF.duration, round(each.duration_s, 3), SECOND)
             for predicate, free in each.free.items():
                 graph.add(step, predicate, Literal(True) if free else LF.unknown)
+            if each.describe_path is not None:
+                each.describe_path(graph, step, self.base, most)
             self._add_targets(graph, step, each)
 
     def _add_targets(self, graph: Graph, step: Node, found: Rehearsed) -> None:
@@ -192,8 +199,17 @@ class Rehearsing:
         said = await self.core.rehearse(offer, self.base, self.caller, statements, self._stand_ins(places))
         after = self._moved(places, offer, said.after)
         name = offer.robot.name if offer.robot is not None else ""
+        moved = after.get(name) or {}
         self.found.append(
-            Rehearsed(path, step, said.duration_s, said.findings, robot=name, moved=after.get(name) or {})
+            Rehearsed(
+                path,
+                step,
+                said.duration_s,
+                said.findings,
+                robot=name,
+                moved=moved,
+                describe_path=said.describe_path if said.path is not None else None,
+            )
         )
         return _End(said.duration_s, after)
 
@@ -215,7 +231,9 @@ class Rehearsing:
         if after is None:
             return {**places, name: None}
         before, moved = self.core.robots[name].positions, dict(places.get(name) or {})
-        moved |= {joint: at for joint, at in after.positions.items() if math.isfinite(at) and at != before.get(joint)}
+        for joint, at in after.positions.items():
+            if math.isfinite(at) and (joint in moved or at != before.get(joint)):
+                moved[joint] = at
         return {**places, name: moved}
 
     def _of(self, step: Invoke, places: Places) -> Places:

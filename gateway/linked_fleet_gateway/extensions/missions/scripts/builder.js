@@ -18,7 +18,7 @@ const JSON_TYPE = "application/json";
 const TREE_TYPE = "application/vnd.behaviortree+xml";
 
 /** @typedef {{step?: string, parameter?: string, parameterNumber?: string, member?: string, path?: string, message: string}} Finding */
-/** @typedef {{errors?: string[], findings?: Finding[], note?: string, joints?: Map<string, number>}} Mark */
+/** @typedef {{errors?: string[], findings?: Finding[], note?: string, rehearsed?: string}} Mark */
 
 /** Open the builder with the mission that the address names, or with an empty one. */
 export async function open(/** @type {HTMLElement} */ section) {
@@ -185,7 +185,7 @@ export class Builder {
     this.dirty = true;
     for (const mark of this.marks.values()) {
       delete mark.note;
-      delete mark.joints;
+      delete mark.rehearsed;
     }
     if (this.view.steps.length) this.view.rehearsed([]);
   }
@@ -223,7 +223,7 @@ export class Builder {
     this.outline.render();
     this.editor.render(find(this.mission.root, id).node);
     this.outline.focus(id);
-    this.view.after(this.marks.get(id)?.joints);
+    this.view.after(this.marks.get(id)?.rehearsed);
     if (NARROW.matches) this.editor.place.scrollIntoView({ block: "start" });
   }
 
@@ -353,7 +353,7 @@ export class Builder {
     if (problem) return;
     const { seconds, steps } = rehearsalIn(graph);
     const of = groupsOf(steps, ({ path }) => at(this.mission.root, path)?.id);
-    for (const [id, all] of of) if (id !== undefined) this.marks.set(id, { note: noteOf(all), joints: all.at(-1).joints });
+    for (const [id, all] of of) if (id !== undefined) this.marks.set(id, { note: noteOf(all), rehearsed: all.at(-1).path });
     this.render();
     this.view.rehearsed(steps);
     const left = steps.filter(({ reason }) => reason).length;

@@ -1,11 +1,13 @@
 // What a rehearsal says of each step, and the motions of a robot as a path that a ghost follows.
 
 import { say } from "../../pages/scripts/src/say.js";
+import { waypointsOf } from "../../pages/scripts/src/planned_path.js";
 import { positionsIn } from "../../pages/scripts/src/targets.js";
 import { NUMERICAL_VALUE, RDF_TYPE, lf, localName } from "../../pages/scripts/src/vocabulary.js";
 
 /**
- * @typedef {{path: string, seconds: number, reason: string, free: string, joints: Map<string, number>}} StepRehearsal
+ * @typedef {import("../../pages/scripts/src/planned_path.js").Waypoint} Waypoint
+ * @typedef {{path: string, seconds: number, reason: string, free: string, detour: string, way: Waypoint[], joints: Map<string, number>}} StepRehearsal
  * @typedef {{seconds: number, steps: StepRehearsal[]}} Rehearsal
  */
 
@@ -24,6 +26,8 @@ function stepIn(graph, node) {
     seconds: secondsOf(graph, node),
     reason: graph.value(node, lf("reason"))?.value ?? "",
     free: free === "true" ? "free" : free === undefined ? "" : say("its way is not checked for collisions"),
+    detour: graph.value(node, lf("plannedBecause"))?.value ?? "",
+    way: waypointsOf(graph, node),
     joints: positionsIn(graph, node),
   };
 }
@@ -37,26 +41,32 @@ function secondsOf(graph, node) {
 export function noteOf(/** @type {StepRehearsal[]} */ steps) {
   const why = steps.find(({ reason }) => reason)?.reason;
   if (why) return say("not rehearsed: {why}", { why });
-  const [{ free }] = steps;
+  const [{ free, detour }] = steps;
   const each = steps.map(({ seconds }) => `${seconds.toFixed(1)} s`);
-  return [each.length > 2 ? `${each[0]}, … ${each.at(-1)}` : each.join(", "), free].filter(Boolean).join(", ");
+  const planned = detour && say("on a planned path: {value}", { value: detour });
+  return [each.length > 2 ? `${each[0]}, … ${each.at(-1)}` : each.join(", "), free, planned].filter(Boolean).join(", ");
 }
 
 /**
- * Return the path that the joints of a robot take, from where they are now.
+ * Return the path that the joints of a robot take, from where they are now, with the step of each part of it.
  *
  * @param {StepRehearsal[]} steps
  * @param {string} robot its IRI
  * @param {(joint: string) => number | undefined} now the position of a joint by its name
+ * @returns {(Waypoint & {step?: string})[]}
  */
-export function waypointsOf(steps, robot, now) {
+export function pathOf(steps, robot, now) {
   const own = steps.filter(({ joints }) => [...joints.keys()].some((iri) => iri.startsWith(robot)));
   const all = new Map(own.flatMap(({ joints }) => [...joints.keys()]).map((iri) => [iri, now(localName(iri))]));
   const places = new Map([...all].filter(([, at]) => at !== undefined));
+  /** @type {(Waypoint & {step?: string})[]} */
   const found = [{ atTime: 0, joints: new Map(places) }];
-  for (const { seconds, joints } of own) {
-    for (const [iri, at] of joints) places.set(iri, at);
-    found.push({ atTime: found.at(-1).atTime + Math.max(seconds, 0.01), joints: new Map(places) });
+  for (const { path: step, seconds, way, joints } of own) {
+    const begun = found.at(-1).atTime;
+    for (const each of [...way, { atTime: Math.max(seconds, 0.01), joints }]) {
+      for (const [iri, at] of each.joints) places.set(iri, at);
+      found.push({ atTime: begun + each.atTime, joints: new Map(places), step });
+    }
   }
   return found;
 }

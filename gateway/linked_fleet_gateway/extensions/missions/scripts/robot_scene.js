@@ -5,7 +5,7 @@ import { drawing, ghost } from "../../pages/scripts/src/ghost.js";
 import { drawScene, sceneOf } from "../../pages/scripts/src/other_scene.js";
 import { playBar } from "../../pages/scripts/src/planned_path.js";
 import { element } from "../../pages/scripts/src/elements.js";
-import { waypointsOf } from "./rehearsal.js";
+import { pathOf } from "./rehearsal.js";
 
 export class RobotView {
   constructor(/** @type {HTMLElement} */ place) {
@@ -13,6 +13,8 @@ export class RobotView {
     this.robot = "";
     /** @type {import("./rehearsal.js").StepRehearsal[]} */
     this.steps = [];
+    /** @type {ReturnType<typeof pathOf>} */
+    this.waypoints = [];
   }
 
   /** Show a robot, if it has a model. */
@@ -23,8 +25,8 @@ export class RobotView {
     const scene = await sceneOf(robot);
     if (!scene || this.robot !== robot) return;
     scene.addEventListener("drawn", () => this.path());
-    this.bar = element("div");
-    this.place.replaceChildren(scene, this.bar);
+    this.controls = element("div");
+    this.place.replaceChildren(scene, this.controls);
     this.place.hidden = false;
     drawScene(scene);
   }
@@ -39,20 +41,26 @@ export class RobotView {
   /** Keep what a rehearsal has found; nothing after a change of the mission. */
   rehearsed(/** @type {import("./rehearsal.js").StepRehearsal[]} */ steps) {
     this.steps = steps;
-    ghost();
+    this.step = undefined;
     this.path();
   }
 
   /** Offer to play the path of the robot. */
   path() {
-    if (!this.bar) return;
-    const now = (name) => drawing()?.robot?.joints[name]?.angle;
-    const bar = this.steps.length && drawing() && playBar(waypointsOf(this.steps, this.robot, now));
-    this.bar.replaceChildren(...(bar ? [bar] : []));
+    if (!this.controls) return;
+    const { robot, section } = drawing() ?? {};
+    const isDrawn = section?.dataset.phase === "ready"; // before that its joints are not where those of the robot are
+    this.waypoints = isDrawn && this.steps.length ? pathOf(this.steps, this.robot, (name) => robot.joints[name]?.angle) : [];
+    this.bar = playBar(this.waypoints);
+    this.controls.replaceChildren(...(this.bar ? [this.bar] : []));
+    this.after(this.step);
   }
 
-  /** Show where the robot is after a step. */
-  after(/** @type {Map<string, number> | undefined} */ joints) {
-    ghost(joints && [...joints.keys()].some((iri) => iri.startsWith(this.robot)) ? joints : undefined);
+  /** Show where the robot is after a step, if that moves it. */
+  after(/** @type {string | undefined} */ step) {
+    this.step = step;
+    const end = step === undefined ? undefined : this.waypoints.findLast((each) => each.step === step);
+    if (end && this.bar) this.bar.show(end.atTime);
+    else ghost();
   }
 }

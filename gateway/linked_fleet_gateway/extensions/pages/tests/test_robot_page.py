@@ -16,7 +16,7 @@ from small_fleet import move
 from watched_page import Watched
 
 pytestmark = [pytest.mark.processes, pytest.mark.test_all]
-JOINT = "wrist_3_joint"
+JOINT, METRE = "wrist_3_joint", "http://qudt.org/vocab/unit/M"
 GIZMO_HEIGHT = """() => {
     let height;
     document.getElementById("scene").scene.view.scene.traverse((each) => {
@@ -24,6 +24,7 @@ GIZMO_HEIGHT = """() => {
     });
     return height;
 }"""
+DRAWN = "name => document.getElementById('scene').scene.translucent.copy.joints[name].angle"
 
 
 @pytest.fixture
@@ -66,10 +67,16 @@ def test_a_ghost_stands_where_the_robot_would_be(robot: Page, client: Client) ->
     row = slider(robot, client)
     row.locator("input[type=number]").fill("45")
     expect(robot.locator("#scene[data-ghost]")).to_be_visible()
-    drawn = "name => document.getElementById('scene').scene.translucent.copy.joints[name].angle"
-    assert robot.evaluate(drawn, JOINT) == pytest.approx(0.785, abs=0.01)
+    assert robot.evaluate(DRAWN, JOINT) == pytest.approx(0.785, abs=0.01)
     robot.locator("form.motion").get_by_role("button", name="Reset").click()
     expect(robot.locator("#scene[data-ghost]")).to_have_count(0)
+
+
+def ghost_at(along: Locator, share: float) -> float:
+    """Return where the elbow of the ghost is once the slider of a path is at a share of its time."""
+    along.evaluate("(e, s) => { e.value = String(e.max * s); e.dispatchEvent(new Event('input')); }", share)
+    found: float = along.page.evaluate(DRAWN, "elbow_joint")
+    return found
 
 
 def open_reach(robot: Page) -> tuple[Locator, Locator]:
@@ -115,17 +122,43 @@ def test_the_ghost_moves_along_a_planned_path(placed: None, robot: Page) -> None
     answer = form.locator(".answer")
     expect(answer).to_contain_text("on a planned path: a straight line was asked for")
     expect(answer).to_contain_text("off the line by at most")
-    drawn = "name => document.getElementById('scene').scene.translucent.copy.joints[name].angle"
     along = answer.locator("input[type=range]")
-    seen = []
-    for share in (0, 0.5, 1):
-        along.evaluate("(e, s) => { e.value = String(e.max * s); e.dispatchEvent(new Event('input')); }", share)
-        seen.append(robot.evaluate(drawn, "elbow_joint"))
+    seen = [ghost_at(along, share) for share in (0, 0.5, 1)]
     assert len(set(seen)) == 3 and (seen[0] - seen[1]) * (seen[1] - seen[2]) > 0
     answer.get_by_role("button", name="Play the path").click()
     end = float(along.get_attribute("max") or 0)
     expect(answer.locator("output")).to_have_text(f"{end:.1f} s of {end:.1f} s")
-    assert robot.evaluate(drawn, "elbow_joint") == pytest.approx(seen[2], abs=1e-3)
+    assert robot.evaluate(DRAWN, "elbow_joint") == pytest.approx(seen[2], abs=1e-3)
+
+
+@pytest.mark.webgl
+def test_the_ghost_moves_along_the_planned_paths_of_a_mission(placed: None, robot: Page, client: Client) -> None:
+    """In the builder, which draws the robot as its page does."""
+    form, _ = open_reach(robot)
+    named = [form.locator(f'fieldset[data-path="{LF.position}"] input[data-path$="#{axis}"]') for axis in "xyz"]
+    x, y, z = (float(each.input_value()) for each in named)
+    link = form.locator(f'select[data-path="{LF.ofLink}"]').input_value()
+    ways = [{"x": x, "y": y, "z": z - down, "unit": METRE} for down in (0.05, 0.0)]
+    bodies = [{"link": link, "position": way, "path": LF.Straight} for way in ways]
+    steps = [{"type": "invoke", "action": f"{client.root}ur5/actions/reach", "body": body} for body in bodies]
+    said = {"title": "down and up", "step": {"type": "sequence", "steps": steps}}
+    mission = client.http.post(client.root + "missions", json=said).headers["location"]
+    robot.goto(f"{client.root}missions/builder?mission={mission.rpartition('/')[2]}")
+    robot.locator("button.step").nth(1).click()
+    robot.locator(".robot-view").scroll_into_view_if_needed()
+    expect(robot.locator("#scene")).to_have_attribute("data-phase", "ready")
+    elbow = robot.evaluate("() => document.getElementById('scene').scene.robot.joints.elbow_joint.angle")
+    assert elbow == pytest.approx(angle(client, "elbow_joint"), abs=0.01)
+    robot.get_by_role("button", name="Rehearse").click()
+    expect(robot.locator(".step-row .note").first).to_contain_text("on a planned path: a straight line was asked for")
+    along = robot.locator(".robot-view input[type=range]")
+    start, half_down, half_up, end = (ghost_at(along, share) for share in (0, 0.25, 0.75, 1))
+    assert start == pytest.approx(elbow, abs=0.01) and end == pytest.approx(elbow, abs=0.01)
+    assert abs(half_down - start) > 0.005 and half_down == pytest.approx(half_up, abs=0.01)
+    robot.locator("button.step").nth(1).click()
+    low = robot.evaluate(DRAWN, "elbow_joint")
+    assert abs(low - start) > abs(half_down - start)
+    assert float(along.input_value()) == pytest.approx(float(along.get_attribute("max") or 0) / 2, rel=0.05)
 
 
 def test_what_was_shown_is_carried_out(placed: None, robot: Page, client: Client, watched: Watched) -> None:

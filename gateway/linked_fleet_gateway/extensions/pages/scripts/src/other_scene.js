@@ -17,7 +17,9 @@ export async function sceneOf(robot) {
   const scene = /** @type {HTMLElement} */ (document.importNode(found, true));
   scene.dataset.lazily = "";
   scene.dataset.robot = robot;
-  scene.replaceChildren(element("p", { className: "fallback" }, say("The robot in 3D.")), button(say("Show the robot in 3D"), () => {}, { hidden: true }));
+  // By these links the scene knows the names of joints, and where a click on a part leads.
+  const parts = element("span", { hidden: true }, ...[...page.querySelectorAll("a[data-part]")].map((each) => document.importNode(each, true)));
+  scene.replaceChildren(element("p", { className: "fallback" }, say("The robot in 3D."), parts), button(say("Show the robot in 3D"), () => {}, { hidden: true }));
   return scene;
 }
 

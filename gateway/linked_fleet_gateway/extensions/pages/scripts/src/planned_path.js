@@ -16,7 +16,12 @@ export function pathControls(graph) {
   return playBar(waypointsIn(graph));
 }
 
-/** @param {Waypoint[]} waypoints in the order of time @returns {HTMLElement|undefined} */
+/**
+ * Return what shows a path, if the page has a scene. The element's `show` shows the robot at a time.
+ *
+ * @param {Waypoint[]} waypoints in the order of time
+ * @returns {HTMLElement & {show: (seconds: number) => void}|undefined}
+ */
 export function playBar(waypoints) {
   if (waypoints.length < 2 || !drawing()) return undefined;
   const end = waypoints[waypoints.length - 1].atTime;
@@ -32,10 +37,11 @@ export function playBar(waypoints) {
   };
   let playing = 0;
   const stop = () => cancelAnimationFrame(playing);
-  slider.addEventListener("input", () => {
+  const showOnly = (seconds) => {
     stop();
-    show(Number(slider.value));
-  });
+    show(seconds);
+  };
+  slider.addEventListener("input", () => showOnly(Number(slider.value)));
   play.addEventListener("click", () => {
     stop();
     const begun = performance.now();
@@ -49,21 +55,20 @@ export function playBar(waypoints) {
   });
   time.textContent = `${end.toFixed(1)} s`;
   bar.append(play, slider, time);
-  return bar;
+  return Object.assign(bar, { show: showOnly });
 }
 
-/** @returns {Waypoint[]} in the order of time */
-export function waypointsIn(graph) {
-  const found = [];
-  for (const [root, facts] of graph?.subjects ?? []) {
-    if (!facts.get(RDF_TYPE)?.some(({ value }) => value === lf("Rehearsal"))) continue;
-    for (const { value } of graph.values(root, lf("waypoint"))) {
-      const node = `_:${value}`;
-      const atTime = Number(graph.value(node, lf("atTime"))?.value);
-      if (Number.isFinite(atTime)) found.push({ atTime, joints: positionsIn(graph, node) });
-    }
-  }
-  return found.sort((one, other) => one.atTime - other.atTime);
+/** @returns {Waypoint[]} those of a rehearsal */
+function waypointsIn(graph) {
+  const [root] = [...(graph?.subjects ?? [])].find(([, facts]) => facts.get(RDF_TYPE)?.some(({ value }) => value === lf("Rehearsal"))) ?? [];
+  return root ? waypointsOf(graph, root) : [];
+}
+
+/** @returns {Waypoint[]} those that a node states, in the order of time */
+export function waypointsOf(graph, node) {
+  const found = graph.values(node, lf("waypoint")).map(({ value }) => `_:${value}`);
+  const places = found.map((each) => ({ atTime: Number(graph.value(each, lf("atTime"))?.value), joints: positionsIn(graph, each) }));
+  return places.filter(({ atTime }) => Number.isFinite(atTime)).sort((one, other) => one.atTime - other.atTime);
 }
 
 /** Return the positions at a time, between two waypoints on the straight line. */
