@@ -138,7 +138,7 @@ def test_a_slow_answer_is_no_clock_that_differs(
     """The gateway's clock is used only if its Date cannot lie between request and response."""
     shown = module.evaluate(
         """async ([sent, received, dated]) => {
-            const age = await import("/age.js");
+            const age = { ...(await import("/age.js")), ...(await import("/gateway_clock.js")) };
             const now = Date.parse("2026-11-22T12:00:00Z");
             Date.now = () => now + received * 1000;
             const date = new Date(now + dated * 1000).toUTCString();
