@@ -17,7 +17,11 @@ _BOUND = re.compile(r"([A-Za-z0-9_.-]+)(?:\[[a-z,]+\])?>=([0-9.]+)")
 _FOLLOWING = re.compile(r"opentelemetry|mujoco|protobuf|cmeel|coal|eigenpy|lib")
 _OTHERWISE = ("PIP_CONSTRAINT", "PIP_BUILD_CONSTRAINT", "PYTEST_")
 """Variables of this run that do not apply to the other environment."""
-TESTS = ("tests/agents", "tests/gateway", "gateway/linked_fleet_gateway/extensions/query")
+TESTS = (
+    "tests/agents", "tests/gateway/app", "tests/gateway/http", "tests/gateway/subscriptions", "tests/identity",
+    "tests/link", "tests/rdf", "tests/runtime", "tests/state", "gateway/linked_fleet_gateway/extensions/query",
+)  # fmt: skip
+"""The others use no dependency that these do not."""
 LONG = ("tests/agents/test_simulated_paths.py", "tests/agents/test_walking.py")
 """Minutes of simulation, which use no more of a dependency than the others."""
 
