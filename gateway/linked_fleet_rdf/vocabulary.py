@@ -16,7 +16,7 @@ XSD = Namespace(
     "http://www.w3.org/2001/XMLSchema#",
     "float double decimal integer int long short byte nonNegativeInteger positiveInteger "
     "nonPositiveInteger negativeInteger unsignedLong unsignedInt unsignedShort unsignedByte"
-    " boolean string dateTime anyURI",
+    " boolean string dateTime date time duration dayTimeDuration anyURI",
 )
 NUMERIC = (
     XSD.float, XSD.double, XSD.decimal, XSD.integer, XSD.int, XSD.long, XSD.short, XSD.byte,
@@ -24,6 +24,7 @@ NUMERIC = (
     XSD.unsignedLong, XSD.unsignedInt, XSD.unsignedShort, XSD.unsignedByte,
 )  # fmt: skip
 """Datatypes of numbers accepted in bodies: 43.6 is a decimal in Turtle, a double in JSON-LD."""
+INTEGERS = NUMERIC[3:]
 DCTERMS = Namespace("http://purl.org/dc/terms/", "title description identifier hasPart isPartOf format created")
 LDP = Namespace(
     "http://www.w3.org/ns/ldp#",

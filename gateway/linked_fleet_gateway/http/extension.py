@@ -340,7 +340,8 @@ class Core:
         """
         stored = StoredRecords(self.redis_url, self.namespace, self.extension, name, most)
         decode = msgspec.json.Decoder(record).decode
-        table = Table(stored, f"{self.extension} {name}", msgspec.json.encode, decode, on_change, self.live.faults)
+        noun = name if name == self.extension else f"{self.extension} {name}"
+        table = Table(stored, noun, msgspec.json.encode, decode, on_change, self.live.faults)
         self.add_copy(table.noun, table)
         return table
 

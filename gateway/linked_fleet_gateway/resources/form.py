@@ -22,10 +22,14 @@ class Value:
     """The terms of an enumeration by their JSON texts."""
     nullable: bool = False
     """True if it may be ``null``, which means ``lf:unknown``."""
+    datatype: NamedNode | None = None
+    """The datatype of a JSON string, if that is no plain text, such as ``xsd:dateTime``."""
+    numeric: tuple[NamedNode, ...] = ()
+    """The datatypes of numbers that the shape allows; any if there are none."""
 
     @property
     def is_iri(self) -> bool:
-        return self.scalar.get("format") == "uri"
+        return self.scalar.get("format") == "uri" and self.datatype is None
 
     def schema(self) -> Json:
         known = self.form.schema if self.form is not None else self.scalar

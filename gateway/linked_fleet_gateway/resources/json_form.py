@@ -20,7 +20,7 @@ from linked_fleet_gateway.resources.form import Field, Form, Json, Value
 from linked_fleet_gateway.resources.settable import describe_target_input
 from linked_fleet_rdf.graph import Graph, Node, Term
 from linked_fleet_rdf.shapes import BLUEPRINTS, load_turtle
-from linked_fleet_rdf.vocabulary import LF, NUMERIC, RDF, SH, XSD
+from linked_fleet_rdf.vocabulary import INTEGERS, LF, NUMERIC, RDF, SH, XSD
 from linked_fleet_state.robot_cache import RobotCache
 
 _LIMITS = {
@@ -33,10 +33,14 @@ _LIMITS = {
 }
 _TYPES: dict[NamedNode, Json] = {
     **{datatype: {"type": "number"} for datatype in NUMERIC},
-    XSD.integer: {"type": "integer"},
+    **{datatype: {"type": "integer"} for datatype in INTEGERS},
     XSD.string: {"type": "string"},
     XSD.boolean: {"type": "boolean"},
     XSD.dateTime: {"type": "string", "format": "date-time"},
+    XSD.date: {"type": "string", "format": "date"},
+    XSD.time: {"type": "string", "format": "time"},
+    XSD.duration: {"type": "string", "format": "duration"},
+    XSD.dayTimeDuration: {"type": "string", "format": "duration"},
     XSD.anyURI: {"type": "string", "format": "uri"},
 }
 
@@ -142,11 +146,12 @@ class _Reader:
         scalar: Json = {}
         terms: dict[str, Term] = {}
         unknown = False
+        datatypes = [datatype for each in said for datatype in self._datatypes(each)]
         for each in said:
             for predicate, name in _LIMITS.items():
                 if (text := self._text(each, predicate)) is not None:
                     scalar[name] = _number(text)
-            for datatype in self._datatypes(each):
+            for datatype in _most_general(self._datatypes(each)):
                 scalar |= _TYPES.get(datatype, {})
             terms |= {term_text(term): term for term in self._listed(each)}
             unknown = unknown or any(self._one(other, SH.hasValue) == LF.unknown for other in self._alternatives(each))
@@ -154,7 +159,13 @@ class _Reader:
                 scalar |= {"type": "string", "format": "uri"}
         if terms:
             scalar |= {"type": "string", "enum": list(terms)}
-        return Value(scalar, None, terms, unknown)
+        texts = {each for each in datatypes if each not in NUMERIC and each != XSD.boolean}
+        any_text = len(texts) != 1 or XSD.string in texts or any(self._may_be_iri(each) for each in said)
+        numeric = tuple(each for each in datatypes if each in NUMERIC)
+        return Value(scalar, None, terms, unknown, None if any_text else texts.pop(), numeric)
+
+    def _may_be_iri(self, node: Node) -> bool:
+        return any(self._one(each, SH.nodeKind) == SH.IRI for each in (node, *self._alternatives(node)))
 
     def _inner(self, node: Node) -> Iterator[Node]:
         """Yield all further shapes that the values must conform to."""
@@ -164,9 +175,7 @@ class _Reader:
 
     def _datatypes(self, node: Node) -> list[NamedNode]:
         stated = [self._one(each, SH.datatype) for each in (node, *self._alternatives(node))]
-        found = [each for each in stated if isinstance(each, NamedNode)]
-        # Integers only if no other numeric type is allowed.
-        return [each for each in found if each != XSD.integer] or found
+        return [each for each in stated if isinstance(each, NamedNode)]
 
     def _listed(self, node: Node) -> list[Term]:
         one = self._one(node, SH.hasValue)
@@ -205,6 +214,11 @@ class _Reader:
     def _count(self, node: Node, predicate: NamedNode) -> int | None:
         text = self._text(node, predicate)
         return None if text is None else int(text)
+
+
+def _most_general(datatypes: Sequence[NamedNode]) -> Sequence[NamedNode]:
+    """Return these datatypes, integers only if no other one is allowed."""
+    return [each for each in datatypes if each not in INTEGERS] or datatypes
 
 
 def _number(text: str) -> int | float:

@@ -5,7 +5,9 @@ A JSON body is converted to the equivalent RDF triples and then handled like RDF
 
 import json
 import math
+import re
 from collections.abc import Callable, Iterator, Sequence
+from decimal import Decimal
 from functools import partial
 from typing import Any
 
@@ -19,9 +21,11 @@ from linked_fleet_rdf.graph import Graph, Node, Term
 from linked_fleet_rdf.json_input import ParseError, load_json
 from linked_fleet_rdf.parsing import MAX_LENGTH
 from linked_fleet_rdf.serialise import JSON
-from linked_fleet_rdf.vocabulary import LF, NUMERIC, XSD
+from linked_fleet_rdf.vocabulary import INTEGERS, LF, NUMERIC, XSD
 
 _MAX_DEPTH = 16
+_WHOLE = re.compile(r"-?[0-9]+\.0+")
+_MAX_DIGITS = 40  # of a number that is written without its exponent
 _VALUES = 4  # JSON values for each permitted triple
 
 
@@ -82,8 +86,20 @@ class _JsonWriter:
             number = float(term.value)
             return (int(number) if value.scalar.get("type") == "integer" else number) if math.isfinite(number) else None
         if isinstance(term, Literal) and term.datatype == XSD.boolean:
-            return term.value == "true"
+            return term.value in ("true", "1")
         return None if term == LF.unknown and value.nullable else term.value
+
+
+def _number_literal(text: str, allowed: Sequence[NamedNode]) -> Literal:
+    """Return a number as the shape wants it: an integer or a double if it may be, else of its first datatype."""
+    whole = text.lstrip("-").isdecimal()
+    usual = XSD.integer if whole else XSD.double
+    datatype = usual if not allowed or usual in allowed else allowed[0]
+    if datatype in INTEGERS and not whole and _WHOLE.fullmatch(text):
+        return Literal(text.partition(".")[0], datatype=datatype)  # 3.0 is 3 in JSON
+    if datatype == XSD.decimal and abs((number := Decimal(text)).adjusted()) <= _MAX_DIGITS:
+        return Literal(f"{number:f}", datatype=datatype)  # it has no exponent
+    return Literal(text, datatype=datatype)
 
 
 class _Number(str):
@@ -165,10 +181,12 @@ class _JsonReader:
         if not isinstance(given, str) or len(given) > MAX_LENGTH:
             raise self._refused(where, f"is one number, or one text of at most {MAX_LENGTH} characters")
         if isinstance(given, _Number):
-            return Literal(str(given), datatype=XSD.integer if given.lstrip("-").isdecimal() else XSD.double)
+            return _number_literal(str(given), value.numeric)
         if given in value.terms:
             return value.terms[given]
-        return self._iri_of(given, where) if value.is_iri else Literal(given)
+        if value.is_iri:
+            return self._iri_of(given, where)
+        return Literal(given) if value.datatype is None else Literal(given, datatype=value.datatype)
 
     def _iri_of(self, text: str, where: str) -> NamedNode:
         try:

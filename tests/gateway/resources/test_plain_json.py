@@ -1,11 +1,14 @@
 """Plain JSON bodies without a counterpart in a form."""
 
+import json
+
 import pytest
+from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, parse
 
 from linked_fleet_base.errors import BadRequest, PayloadTooLarge
-from linked_fleet_gateway.resources.json_form import form_of
-from linked_fleet_gateway.resources.plain_json import parse_json_body
-from linked_fleet_rdf.vocabulary import LF
+from linked_fleet_gateway.resources.json_form import form_in, form_of
+from linked_fleet_gateway.resources.plain_json import _JsonWriter, parse_json_body
+from linked_fleet_rdf.vocabulary import LF, XSD
 
 IRI = "http://127.0.0.1:8000/arm/title"
 
@@ -33,3 +36,49 @@ def test_json_of_too_many_triples_is_too_large() -> None:
     """413, as for RDF: no schema limits the total number."""
     with pytest.raises(PayloadTooLarge, match="more than 1 things"):
         parse_json_body(b'{"holder": "x", "duration": 60}', form_of(LF.ControlLeaseInput), IRI, 1)
+
+
+def _shape(constraint: str) -> str:
+    """Return a shape of one member, ``value``."""
+    return (
+        "@prefix sh: <http://www.w3.org/ns/shacl#> . @prefix xsd: <http://www.w3.org/2001/XMLSchema#> . "
+        f"<urn:shape> sh:property [ sh:path <urn:value> ; sh:name 'value' ; sh:maxCount 1 ; {constraint} ] ."
+    )
+
+
+@pytest.mark.parametrize(
+    ("constraint", "lexical", "datatype", "shown"),
+    [
+        ("sh:datatype xsd:dateTime", "2030-01-01T00:00:00Z", XSD.dateTime, "2030-01-01T00:00:00Z"),
+        ("sh:datatype xsd:date", "2030-01-01", XSD.date, "2030-01-01"),
+        ("sh:datatype xsd:time", "12:00:00", XSD.time, "12:00:00"),
+        ("sh:datatype xsd:duration", "P1D", XSD.duration, "P1D"),
+        ("sh:datatype xsd:anyURI", "https://example.org/", XSD.anyURI, "https://example.org/"),
+        ("sh:datatype xsd:string", "P1D", XSD.string, "P1D"),
+        ("sh:or ( [ sh:datatype xsd:string ] [ sh:datatype xsd:date ] )", "2030", XSD.string, "2030"),
+        ("sh:datatype xsd:boolean", "1", XSD.boolean, True),
+        ("sh:datatype xsd:boolean", "false", XSD.boolean, False),
+        ("sh:datatype xsd:integer", "3", XSD.integer, 3),
+        ("sh:datatype xsd:nonNegativeInteger", "3", XSD.nonNegativeInteger, 3),
+        ("sh:datatype xsd:decimal", "3", XSD.decimal, 3.0),
+        ("sh:datatype xsd:decimal", "0.0000001", XSD.decimal, 1e-07),
+        ("sh:datatype xsd:float", "3", XSD.float, 3.0),
+        ("sh:datatype xsd:double", "0.5", XSD.double, 0.5),
+        ("sh:or ( [ sh:datatype xsd:decimal ] [ sh:datatype xsd:integer ] )", "3", XSD.integer, 3.0),
+    ],
+)
+def test_what_is_read_in_json_may_be_written_back(
+    constraint: str, lexical: str, datatype: NamedNode, shown: object
+) -> None:
+    """A JSON value becomes a literal of the datatype that the shape wants."""
+    form = form_in([each.triple for each in parse(_shape(constraint), format=RdfFormat.TURTLE)], NamedNode("urn:shape"))
+    there = Triple(NamedNode("urn:x"), NamedNode("urn:value"), Literal(lexical, datatype=datatype))
+    document = _JsonWriter([there]).object(form, NamedNode("urn:x"))
+    assert document == {"value": shown} and type(document["value"]) is type(shown)
+    (back,) = parse_json_body(json.dumps(document).encode(), form, IRI, 10)
+    assert isinstance(back.object, Literal)
+    assert back.object.datatype in ({datatype, XSD.decimal} if "sh:or" in constraint else {datatype})
+    if isinstance(shown, str):
+        assert back.object.value == lexical
+    else:
+        assert json.loads(back.object.value) == shown
