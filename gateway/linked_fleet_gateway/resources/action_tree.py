@@ -11,6 +11,7 @@ from linked_fleet_gateway.resources.action_offer import Offer
 from linked_fleet_gateway.resources.affordance import EndInvocation, Invoke
 from linked_fleet_gateway.resources.description import Describe, DescriptionTemplate, InSteps
 from linked_fleet_gateway.resources.invocation import (
+    OUTPUT,
     cancel_path,
     describe_cancel,
     describe_invocation,
@@ -18,7 +19,7 @@ from linked_fleet_gateway.resources.invocation import (
     invocation_path,
 )
 from linked_fleet_gateway.resources.part import part_of
-from linked_fleet_gateway.resources.plain_json import add_plain_json
+from linked_fleet_gateway.resources.plain_json import add_plain_json, stored_json
 from linked_fleet_gateway.resources.resource import CONTAINER, Resource, blueprint_of
 from linked_fleet_gateway.resources.versioning import Source
 from linked_fleet_rdf.graph import Graph
@@ -64,7 +65,7 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         yield
 
     path = invocation_path(invocation)
-    is_long = len(invocation.outcome) + len(invocation.feedback) > _MOST_WRITTEN
+    is_long = len(invocation.outcome) + len(invocation.feedback) + len(invocation.output) > _MOST_WRITTEN
     resource = Resource(
         path,
         f"Invocation {invocation.id}",
@@ -75,12 +76,18 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
     )
     resource = add_plain_json(resource, LF.InvocationShape, base)
     part = None if robot is None else part_of(robot, invocation)
-    if part is None or not (invocation.outcome or invocation.feedback or invocation.stream):
+    declared = part is not None and bool(invocation.outcome or invocation.feedback or invocation.stream)
+    if not declared and not invocation.output:
         return resource
     write = resource.documents[JSON]
 
     def with_outcome() -> bytes:
-        return json.dumps(json.loads(write()) | part.outcome_json(invocation), ensure_ascii=False).encode()
+        told = json.loads(write())
+        if invocation.output:
+            told["output"] = stored_json(invocation.output, OUTPUT)
+        if declared and part is not None:
+            told |= part.outcome_json(invocation)
+        return json.dumps(told, ensure_ascii=False).encode()
 
     return resource.replace(documents={**resource.documents, JSON: with_outcome})
 
@@ -98,6 +105,7 @@ def _facts(invocation: Invocation) -> tuple[object, ...]:
         invocation.unchecked,
         invocation.feedback,
         invocation.outcome,
+        invocation.output,
         invocation.stream,
     )
 

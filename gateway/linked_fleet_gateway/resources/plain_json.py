@@ -11,7 +11,7 @@ from decimal import Decimal
 from functools import partial
 from typing import Any
 
-from pyoxigraph import BlankNode, Literal, NamedNode, Triple
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 
 from linked_fleet_base.errors import BadRequest, PayloadTooLarge, UnprocessableContent
 from linked_fleet_gateway.resources.form import Field, Form, Json, Value
@@ -24,6 +24,7 @@ from linked_fleet_rdf.serialise import JSON
 from linked_fleet_rdf.vocabulary import INTEGERS, LF, NUMERIC, XSD
 
 _MAX_DEPTH = 16
+_OUTPUT_DEPTH = 4
 _WHOLE = re.compile(r"-?[0-9]+\.0+")
 _MAX_DIGITS = 40  # of a number that is written without its exponent
 _VALUES = 4  # JSON values for each permitted triple
@@ -55,6 +56,15 @@ def description_json(describe: Callable[[Graph], None], iri: NamedNode, shape: N
     return _JsonWriter(graph.triples).object(form_of(shape), iri)
 
 
+def stored_json(stored: str, root: BlankNode) -> Json:
+    """Return statements, stored in N-Triples, about a node in JSON, by the local names of their predicates.
+
+    They have no shape, so that a predicate with several values is an array, and one with a single value is not. Blank
+    nodes are objects, other nodes their IRIs.
+    """
+    return _JsonWriter([each.triple for each in parse(stored, format=RdfFormat.N_TRIPLES)]).unshaped(root)
+
+
 class _JsonWriter:
     """Converts triples to JSON."""
 
@@ -72,6 +82,23 @@ class _JsonWriter:
             elif values:
                 told[field.name] = values[0]
         return told
+
+    def unshaped(self, node: Term, depth: int = _OUTPUT_DEPTH) -> Json:
+        """Return all statements about a node, by the local names of their predicates."""
+        told: Json = {}
+        for (subject, predicate), objects in self._objects.items():
+            if subject == node:
+                values = [self._unshaped_value(each, depth) for each in objects]
+                name = re.split("[#/]", predicate.value)[-1] or predicate.value
+                told[predicate.value if name in told else name] = values[0] if len(values) == 1 else values
+        return told
+
+    def _unshaped_value(self, term: Term, depth: int) -> Any:
+        if isinstance(term, BlankNode):
+            return self.unshaped(term, depth - 1) if depth else None
+        if isinstance(term, Literal) and term.datatype in INTEGERS:
+            return int(term.value)
+        return self._value(_ANY, term)
 
     def _at(self, node: Term, path: tuple[NamedNode, ...]) -> list[Term]:
         nodes = [node]
@@ -100,6 +127,9 @@ def _number_literal(text: str, allowed: Sequence[NamedNode]) -> Literal:
     if datatype == XSD.decimal and abs((number := Decimal(text)).adjusted()) <= _MAX_DIGITS:
         return Literal(f"{number:f}", datatype=datatype)  # it has no exponent
     return Literal(text, datatype=datatype)
+
+
+_ANY = Value()
 
 
 class _Number(str):

@@ -252,11 +252,11 @@ def test_a_container_has_actions_of_its_own(here: Here) -> None:
     path = here.add(bays=2)
     held = [here.reserve(each, path, 600).headers["location"] for each in (here.one, here.other)]
     container = here.one.browser.page(here.one.browser.root + "stations")
-    action = f"{here.one.browser.root}stations/actions/release"
+    action = f"{here.one.browser.root}stations/actions/clear"
     assert container.one(HYBRIT.action) == URIRef(action)
     released = here.one.browser.http.post(action)
     assert released.status_code == 204, released.text
     for location in held:
         eventually(lambda location=location: here.state(here.one, location) == "cancelled", "the end of a reservation")  # type: ignore[misc]
     paths = json.loads(here.get(here.one, "/openapi.json", "application/json").text)["paths"]
-    assert "post" in paths["/stations/actions/release"]
+    assert "post" in paths["/stations/actions/clear"]

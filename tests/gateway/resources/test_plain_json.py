@@ -3,11 +3,11 @@
 import json
 
 import pytest
-from pyoxigraph import Literal, NamedNode, RdfFormat, Triple, parse
+from pyoxigraph import BlankNode, Literal, NamedNode, RdfFormat, Triple, parse
 
 from linked_fleet_base.errors import BadRequest, PayloadTooLarge
 from linked_fleet_gateway.resources.json_form import form_in, form_of
-from linked_fleet_gateway.resources.plain_json import _JsonWriter, parse_json_body
+from linked_fleet_gateway.resources.plain_json import _JsonWriter, parse_json_body, stored_json
 from linked_fleet_rdf.vocabulary import LF, XSD
 
 IRI = "http://127.0.0.1:8000/arm/title"
@@ -82,3 +82,26 @@ def test_what_is_read_in_json_may_be_written_back(
         assert back.object.value == lexical
     else:
         assert json.loads(back.object.value) == shown
+
+
+def test_what_an_operation_has_produced_is_named_by_its_predicates() -> None:
+    """Several values are an array, blank nodes objects, and names that are taken already whole IRIs."""
+    stored = """
+        _:output <urn:my#booking> "b1" .
+        _:output <urn:my#place> <http://127.0.0.1/zones/1> .
+        _:output <urn:my#count> "2"^^<http://www.w3.org/2001/XMLSchema#integer> .
+        _:output <urn:my#at> _:b .
+        _:b <urn:my#x> "0.5"^^<http://www.w3.org/2001/XMLSchema#double> .
+        _:output <urn:my#tag> "a" .
+        _:output <urn:my#tag> "b" .
+        _:output <urn:other#tag> "c" .
+    """
+    told = stored_json(stored, BlankNode("output"))
+    tags = told.pop("tag"), told.pop("urn:other#tag")
+    assert tags == (["a", "b"], "c")
+    assert told == {"booking": "b1", "place": "http://127.0.0.1/zones/1", "count": 2, "at": {"x": 0.5}}
+
+
+def test_a_circle_of_blank_nodes_ends() -> None:
+    stored = "_:output <urn:my#next> _:output .\n"
+    assert str(stored_json(stored, BlankNode("output"))).count("next") < 20

@@ -9,6 +9,10 @@ from linked_fleet_rdf.vocabulary import LF
 
 _TEXT: Json = {"type": "string"}
 _TEXTS: Json = {"type": "array", "items": _TEXT}
+_OUTPUT: Json = {
+    "type": "object",
+    "description": "The result of an action that moves nothing, if it has one, by the local names of its predicates.",
+}
 _ANSWERS = {
     "304": "The representation has not changed.",
     "400": "The request is malformed.",
@@ -62,7 +66,7 @@ def components(secured: bool, schemas: Mapping[str, Json]) -> Json:
         "schemas": {
             "Problem": _PROBLEM,
             "JsonLd": _JSONLD,
-            "Invocation": form_of(LF.InvocationShape).schema,
+            "Invocation": form_of(LF.InvocationShape).schema_with({"output": _OUTPUT}),
             "Rehearsal": form_of(LF.RehearsalShape).schema,
             **schemas,
         },
