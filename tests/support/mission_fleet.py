@@ -56,8 +56,12 @@ class MissionFleet:
 
     def begin(self, times: int = 1) -> str:
         """Post the mission and run it so many times. Return the path of the run."""
+        step = self.ten_steps()
+        return self.begin_with({"type": "repeat", "times": times, "step": step} if times > 1 else step)
+
+    def begin_with(self, step: dict[str, Any]) -> str:
+        """Post a mission of this step and run it. Return the path of the run."""
         http = self.one.browser.http
-        step = {"type": "repeat", "times": times, "step": self.ten_steps()} if times > 1 else self.ten_steps()
         said = {"title": "ten steps", "step": step}
         mission = http.post(self.one.browser.root + "missions", json=said).headers["location"]
         begun = http.post(mission + "/actions/run")

@@ -25,6 +25,7 @@ from linked_fleet_gateway.extensions.missions.progress import with_step
 from linked_fleet_gateway.extensions.missions.record import ENDED, OVER, Run, StepRun, StepState
 from linked_fleet_gateway.extensions.missions.runs import RETRY_S, Runs
 from linked_fleet_gateway.extensions.missions.targets import Targets
+from linked_fleet_gateway.extensions.rules.rule_invocation import NoAction
 from linked_fleet_gateway.faces import invocation_path
 from linked_fleet_state.invocation import NOT_BEGUN
 
@@ -33,6 +34,10 @@ log = logging.getLogger(__name__)
 _STATES: dict[str, StepState] = {"succeeded": "succeeded", "cancelled": "cancelled", "unknown": "unknown"}
 _WAITS = ("waiting",)
 _MOST_ATTEMPTS = 5
+MEETING_S = 60.0
+"""Time after the start of a gateway in which robots, and their components, may still come."""
+_ABSENT_S = 20.0
+"""Time in that in which the action of a step is looked for."""
 
 
 class Steps:
@@ -41,6 +46,7 @@ class Steps:
     def __init__(self, core: Core, runs: Runs, targets: Targets, conditions: Conditions) -> None:
         self._core, self._runs, self._targets, self._conditions = core, runs, targets, conditions
         self._starting: dict[tuple[str, str, int], asyncio.Task[None]] = {}
+        self._meets_until_s = time.monotonic() + MEETING_S
 
     async def close(self) -> None:
         """End what is being invoked; who goes on invokes it again with the same key."""
@@ -79,6 +85,7 @@ class Steps:
     async def _invoke(self, id: str, run: Run, path: str, each: StepRun) -> None:
         step = step_at(run.mission.step, path)
         assert isinstance(step, Invoke)
+        gives_up_s = min(self._meets_until_s, time.monotonic() + _ABSENT_S)
         while self._may_start(id, path, each.attempt):
             try:
                 invocation = await self._targets.invoke(id, run, path, each.attempt, step)
@@ -86,6 +93,10 @@ class Steps:
                 await asyncio.sleep(RETRY_S)
                 continue
             except FleetError as error:
+                if isinstance(error, NoAction) and time.monotonic() < gives_up_s:
+                    # A gateway that has just begun goes on with a run, and has not met the robot or its components.
+                    await asyncio.sleep(RETRY_S)
+                    continue
                 at = error.headers.get("location", "")
                 state: StepState = "unknown" if at else "failed"
                 self._tell(id, run, path, error.status, at, error.detail)

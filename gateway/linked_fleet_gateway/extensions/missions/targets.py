@@ -21,7 +21,7 @@ from linked_fleet_gateway.extensions.missions.values import (
     values_in,
     variables_of,
 )
-from linked_fleet_gateway.extensions.rules.rule_invocation import find_action, path_in_fleet, present_identity
+from linked_fleet_gateway.extensions.rules.rule_invocation import NoAction, find_action, path_in_fleet, present_identity
 from linked_fleet_gateway.extensions.rules.template import triples_of
 from linked_fleet_gateway.faces import EVERYBODY, Claims, Identity, Offer, Right, Tree, offers_at
 from linked_fleet_gateway.serving import Caller, Identities, robot_time
@@ -50,7 +50,7 @@ class Targets:
         found = [each for each in self._actions_of(thing) if each.definition.iri.value == step.kind]
         if not found:
             kind = step.kind.rpartition("#")[2]
-            raise UnprocessableContent(f"{thing[:200]} has no action of the kind {kind[:100]}.")
+            raise NoAction(f"{thing[:200]} has no action of the kind {kind[:100]}.")
         return find_action(tree, found[0].path, caller)
 
     def path(self, iri: str, base: str) -> str:
@@ -63,7 +63,7 @@ class Targets:
     def _actions_of(self, thing: str) -> Sequence[Offer]:
         found = thing_at(thing, self.core.robots)
         if found is None:
-            raise UnprocessableContent(f"{thing[:200]} is neither a robot, nor a joint or component of one.")
+            raise NoAction(f"{thing[:200]} is neither a robot, nor a joint or component of one.")
         return offers_at(*found)
 
     def named_robots(self, mission: Mission) -> frozenset[str]:

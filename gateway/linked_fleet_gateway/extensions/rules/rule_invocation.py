@@ -28,11 +28,15 @@ CarryOut = Callable[[Offer, str, Caller, Sequence[Triple], RobotTime | None], Aw
 """Carries out an action for a client (``Core.invoke``)."""
 
 
+class NoAction(UnprocessableContent):
+    """There is no such action, perhaps because its robot or component is not known yet."""
+
+
 def find_action(tree: Tree, path: str, creator: Identity) -> Offer:
     """Return the action at ``path`` if ``creator`` may invoke it. Raises UnprocessableContent, InsufficientScope."""
     found = tree.resolve(path)
     if not isinstance(found, Resource) or not isinstance(found.affords, Invoke):
-        raise UnprocessableContent(f"There is no action at {path[:200]} that could be invoked.")
+        raise NoAction(f"There is no action at {path[:200]} that could be invoked.")
     needs = found.affords.needs
     if not creator.has_any_right(needs, robot_of(path)):
         wanted = " or ".join(needs)

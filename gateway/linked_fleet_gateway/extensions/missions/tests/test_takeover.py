@@ -11,6 +11,7 @@ import rdflib
 from rdflib import URIRef
 
 from browser import LF
+from gateway_group import gateways
 from linked_fleet_gateway.actions.service import Actions
 from linked_fleet_gateway.actions.store import ActionStore
 from linked_fleet_gateway.api import Invocation
@@ -66,6 +67,19 @@ def test_a_gateway_that_was_frozen_leaves_its_runs_to_who_has_gone_on(fleet: Mis
             lambda each=each, ends=ends: each.browser.page(str(ends)).one(LF.state) == LF.succeeded,  # type: ignore[misc]
             "the end of the invocation",
         )
+
+
+def test_a_gateway_that_has_just_begun_goes_on_once_it_knows_the_robots(fleet: MissionFleet) -> None:
+    """A gateway of a program that was started again takes over a run, and meets its robots later."""
+    steps = [{"type": "wait", "seconds": 4}, fleet.turn("a", 0.1)]
+    path = fleet.begin_with({"type": "sequence", "steps": steps})
+    for each in (fleet.one, fleet.other):
+        each.process.send(signal.SIGTERM)
+    fleet.agents.send(signal.SIGSTOP)
+    with gateways(fleet.hub, fleet.memory.url, 1) as (third,):
+        _lasts(20.0)
+        fleet.agents.send(signal.SIGCONT)
+        fleet.succeeds(path, third)
 
 
 def _lasts(seconds: float) -> None:
