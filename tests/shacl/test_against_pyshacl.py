@@ -357,4 +357,4 @@ def test_the_shapes_of_subscriptions_find_what_pyshacl_finds(stated: list[tuple[
     body = [Triple(EX.body, predicate, value) for predicate, value in stated]
     shape = LF.SubscriptionShape
     assert compiled_finds(triples, shape, body, EX.body) == pyshacl_finds(triples, shape, body, EX.body)
-    assert reported(compile_graph(by_subject), body) == pyshacl_reports(triples, body)
+    assert reported(compile_graph(triples), body) == pyshacl_reports(triples, body)
