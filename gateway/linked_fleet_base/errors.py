@@ -166,7 +166,7 @@ class NotAcceptable(FleetError):
     member_names = ("offered",)
 
     def __init__(self, detail: str, *, offered: Sequence[str], headers: Mapping[str, str] | None = None) -> None:
-        super().__init__(detail, headers={"Vary": "Accept", **(headers or {})})
+        super().__init__(detail, headers=headers)
         self.offered = list(offered)
 
 
