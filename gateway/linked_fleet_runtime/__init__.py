@@ -1,4 +1,4 @@
-"""What gateways run on: tasks, Redis and its tables, child processes, logs, metrics. Pure packages do not import it.
+"""Tasks, Redis and its tables, child processes, logs and metrics. Pure packages do not import them.
 
 ``redis``: the connection to Redis or Valkey, one server or a cluster; the only module that imports redis;
 ``redis_exchange`` sends commands to one server; ``store_marker`` notices that it has lost its data. ``background``:

@@ -15,6 +15,7 @@ from typing import Generic, Self, TypeVar
 
 from linked_fleet_base.errors import ContainerFull, RedisUnavailable
 from linked_fleet_base.faults import Faults
+from linked_fleet_base.records import update_record
 from linked_fleet_runtime.background import cancel_tasks
 from linked_fleet_runtime.redis import Connection
 from linked_fleet_runtime.replica import Replica
@@ -198,11 +199,7 @@ class Table(Generic[T]):
         Return the record, None if it is not there any more. Raises RedisUnavailable, ContainerFull, and the errors of
         ``update``.
         """
-        while (record := self.known.get(id)) is not None:
-            updated = update(record)
-            if updated == record or await self.change(id, updated):
-                return updated
-        return None
+        return await update_record(self, id, update)
 
     async def update_in_the_end(self, id: str, update: Callable[[T], T]) -> T | None:
         """Do ``update``, however long Redis is away."""

@@ -76,8 +76,9 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
     )
     resource = add_plain_json(resource, LF.InvocationShape, base)
     part = None if robot is None else part_of(robot, invocation)
-    declared = part is not None and bool(invocation.outcome or invocation.feedback or invocation.stream)
-    if not declared and not invocation.output:
+    if not (invocation.outcome or invocation.feedback or invocation.stream):
+        part = None
+    if part is None and not invocation.output:
         return resource
     write = resource.documents[JSON]
 
@@ -85,7 +86,7 @@ def invocation_of(robot: Robot | None, invocation: Invocation, invocations: Invo
         told = json.loads(write())
         if invocation.output:
             told["output"] = stored_json(invocation.output, OUTPUT)
-        if declared and part is not None:
+        if part is not None:
             told |= part.outcome_json(invocation)
         return json.dumps(told, ensure_ascii=False).encode()
 

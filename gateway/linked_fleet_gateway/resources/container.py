@@ -5,10 +5,11 @@ from dataclasses import dataclass, field
 from functools import cached_property, partial
 from hashlib import blake2b
 from operator import itemgetter
-from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 
 from pyoxigraph import Literal, NamedNode, Triple
 
+from linked_fleet_base.records import Records, update_record
 from linked_fleet_gateway.resources.action_offer import Offer, offers_of
 from linked_fleet_gateway.resources.action_tree import resolve_action
 from linked_fleet_gateway.resources.affordance import FORM_TYPES, NOTHING, Demand, Honours
@@ -37,19 +38,6 @@ _MAX_AT_ONCE = 50
 
 async def _accept(record: object, tree: "Tree", caller: Identity) -> None:
     """Let clients write what its shape allows."""
-
-
-class Records(Protocol[T]):
-    """The records of a container by id, such as a ``Table``. Writes raise RedisUnavailable and ContainerFull."""
-
-    @property
-    def known(self) -> Mapping[str, T]: ...
-
-    async def add(self, record: T) -> str:
-        """Add a record and return its id."""
-
-    async def change(self, id: str, record: T | None) -> bool:
-        """Replace the known record, or remove it for None. Return False if it has changed meanwhile."""
 
 
 @dataclass(frozen=True)
@@ -138,11 +126,7 @@ class Container(Generic[T]):
         Return the record, None if it is not there any more. Raises RedisUnavailable, ContainerFull, and the errors of
         ``update``.
         """
-        while (record := self.records.known.get(id)) is not None:
-            updated = update(record)
-            if updated == record or await self.records.change(id, updated):
-                return updated
-        return None
+        return await update_record(self.records, id, update)
 
     def own_offers(self, segment: str | None = None) -> list[Offer]:
         """Return the actions of the container itself, or only the one with the segment."""

@@ -38,8 +38,7 @@ from linked_fleet_gateway.extensions.history.world_watch import (
     BEGUN,
     OBJECTS,
     PastObject,
-    read_object,
-    read_place,
+    read_kept,
 )
 from linked_fleet_gateway.extensions.models.geometry import model_path
 from linked_fleet_gateway.extensions.world.descriptions import describe_object, describe_unreadable, object_path
@@ -68,7 +67,7 @@ class RecordedWorld:
 
 @dataclass(frozen=True)
 class PastWorld:
-    """What was known of the world at an instant, from ``begin_ns`` on and before ``end_ns``; None: it holds still."""
+    """The world as it was known at an instant, from ``begin_ns`` on and before ``end_ns``; None: it holds still."""
 
     begin_ns: int
     end_ns: int | None
@@ -117,8 +116,8 @@ def past_world(shelf: Shelf, at_ns: int) -> PastWorld | None:
     return PastWorld(
         begin_ns,
         later[0].stamp_ns if later else None,
-        {name: place for name, said in _below(PLACEMENTS, there) if (place := read_place(said.json)) is not None},
-        {id: read_object(said.json) or PastObject() for id, said in _below(OBJECTS, there)},
+        {name: place for name, said in _below(PLACEMENTS, there) if (place := read_kept(said.json, Pose)) is not None},
+        {id: read_kept(said.json, PastObject) or PastObject() for id, said in _below(OBJECTS, there)},
     )
 
 

@@ -251,27 +251,23 @@ class Shelf:
 
         A segment has what was known when it began, so those alone are read in which the robot was heard then.
         """
-        found: dict[str, Said] = {}
-        around = [
-            file for file, range in self._of_robot(robot) if range[0] - _AROUND_NS <= stamp_ns <= range[1] + _AROUND_NS
-        ]
-        for file in around:
-            for each in self._with(file, lambda reader: reader.last_values(robot, stamp_ns)) or []:
-                if each.path not in found or found[each.path].stamp_ns <= each.stamp_ns:
-                    found[each.path] = each
-        return found
+        around = [file for file, range in self._of_robot(robot) if _is_around(stamp_ns, range)]
+        return self._last_values(around, robot, stamp_ns)
 
     def world_at(self, stamp_ns: int) -> dict[str, Said]:
         """Return what was known of the world at a time, by path; empty if nothing was written then.
 
         Those segments are read in which any robot was heard around that time.
         """
+        ranges = ((file, self._ranges(file).values()) for file in self._known())
+        around = (file for file, all_ in ranges if any(_is_around(stamp_ns, each) for each in all_))
+        return self._last_values(around, WORLD, stamp_ns)
+
+    def _last_values(self, files: Iterable[_File], robot: str, stamp_ns: int) -> dict[str, Said]:
+        """Return the last values of a robot, or of the world, in these segments at a time, by path."""
         found: dict[str, Said] = {}
-        for file in self._known():
-            ranges = self._ranges(file).values()
-            if not any(low - _AROUND_NS <= stamp_ns <= high + _AROUND_NS for low, high in ranges):
-                continue
-            for each in self._with(file, lambda reader: reader.last_values(WORLD, stamp_ns)) or []:
+        for file in files:
+            for each in self._with(file, lambda reader: reader.last_values(robot, stamp_ns)) or []:
                 if each.path not in found or found[each.path].stamp_ns <= each.stamp_ns:
                     found[each.path] = each
         return found
@@ -375,6 +371,11 @@ class Shelf:
     def _note_damage(self, file: _File, damage: Exception) -> None:
         file.damage = f"{file.path.name}: {damage}"
         log.warning("a segment of the history is skipped: %s", file.damage)
+
+
+def _is_around(stamp_ns: int, heard: Range) -> bool:
+    """Return True if something was heard around a time."""
+    return heard[0] - _AROUND_NS <= stamp_ns <= heard[1] + _AROUND_NS
 
 
 def _joined(one: Range | None, other: Range | None) -> Range | None:

@@ -12,7 +12,7 @@ from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, TypeVar
 
 import msgspec
 from msgspec import Struct
@@ -37,6 +37,8 @@ from linked_fleet_state.xml import Vector
 
 log = logging.getLogger(__name__)
 
+T = TypeVar("T")
+
 OBJECTS = "objects/"
 BEGUN = "begun"
 """The path of a value that a gateway writes first: what was known of the world before is over; all of it follows."""
@@ -48,7 +50,7 @@ _UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
 class MeshTrace(Struct, frozen=True, tag="mesh"):
-    """What is kept of a mesh: the start of its SHA-256, and two corners of the box around it."""
+    """The trace that is kept of a mesh: the start of its SHA-256, and two corners of the box around it."""
 
     digest: str
     low_m: Vector
@@ -111,7 +113,7 @@ Known = SceneObject | Pose | None
 
 @dataclass(frozen=True)
 class Change:
-    """What is known of the world at a path from ``stamp_ns`` on; ``is_there`` is False for an object that is gone."""
+    """The news of a path of the world from ``stamp_ns`` on; ``is_there`` is False for an object that is gone."""
 
     path: str
     known: Known
@@ -173,18 +175,10 @@ def _kept(thing: SceneObject | None) -> PastObject:
     return PastObject(thing.title, thing.kind, thing.pose, geometry, thing.held)
 
 
-def read_object(json: str) -> PastObject | None:
-    """Return an object as it was written; None if it cannot be read."""
+def read_kept(json: str, kind: type[T]) -> T | None:
+    """Return an object or a placement as it was written; None if it cannot be read."""
     try:
-        return msgspec.json.decode(json, type=PastObject)
-    except ValueError:
-        return None
-
-
-def read_place(json: str) -> Pose | None:
-    """Return a placement as it was written; None if it cannot be read."""
-    try:
-        return msgspec.json.decode(json, type=Pose)
+        return msgspec.json.decode(json, type=kind)
     except ValueError:
         return None
 

@@ -1,4 +1,4 @@
-"""Where robots stood and what objects there were is kept on disk, and what is not kept is said."""
+"""The disk keeps where robots stood and what objects there were; what is not kept is said."""
 
 import base64
 import struct
